@@ -315,7 +315,7 @@ def test_a_stop_that_cannot_be_kept_is_a_stop_and_is_told(tmp_path, caplog):
     brakes, kept = Brakes(Dotbots(2, 1, time.time)), KeptStop(tmp_path / "no" / "folder")
     brakes.hold()
     kept.keep(lambda: brakes.held)
-    assert "a restart forgets" in caplog.text
+    assert "a restart will forget" in caplog.text
     # A link that somebody laid there is not followed, and holds.
     (tmp_path / "stopped").symlink_to(tmp_path / "elsewhere")
     laid = KeptStop(tmp_path / "stopped")

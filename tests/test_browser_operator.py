@@ -85,7 +85,7 @@ class TestOperator:
             assert up.wait_for("rotation")["qr_url"] != ready["qr_url"]
             page.locator("[data-testid=new-code]:disabled").wait_for()
             assert not barriers_in_both_schemes(page)
-            page.get_by_test_id("countdown").get_by_text("The code before this one works").wait_for()
+            page.get_by_test_id("countdown").get_by_text("The previous code works").wait_for()
             choose(visitor, "Ada")
             visitor.get_by_role("button", name=re.compile("red")).first.click()
             wait_until(lambda: [e for e in up.events("command") if e["name"] == "rgb_led"])

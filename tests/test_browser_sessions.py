@@ -188,7 +188,7 @@ def test_a_tablet_is_an_operators_by_a_ticket_of_one_use_also_after_a_reload_and
             ask("everybody_out")
             with a_page(browser) as thief:
                 thief.goto(url)
-                thief.get_by_text("is not valid, or has been used").wait_for()
+                thief.get_by_text("is not valid, or was used before").wait_for()
             up.stop()
         tablet.get_by_test_id("banner").wait_for()
         with a_gateway(*options) as (up, _):

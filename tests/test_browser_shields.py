@@ -85,7 +85,7 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
             box = desk.get_by_test_id(part).bounding_box()
             assert box["y"] >= 0
             assert box["y"] + box["height"] <= 720, part
-        assert "something else than its program" in shield(phone, "stopped").inner_text()
+        assert "did not follow its program" in shield(phone, "stopped").inner_text()
         assert cut_off(phone) == 0
         assert obeys_nobody(phone)
         assert pixels(phone, 1, "--unlit") > 100
@@ -106,7 +106,7 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         badge(phone, "live")
         choose(phone, "Cleo")
         shield(phone, "stopped").locator("summary").click()
-        assert "something else than its program" in shield(phone, "stopped").inner_text(), "who comes late is told why"
+        assert "did not follow its program" in shield(phone, "stopped").inner_text(), "who comes late is told why"
         choose(phone, "Ada")
         phone.locator("[data-testid=joystick][aria-disabled=false]").wait_for()
 

@@ -48,7 +48,7 @@ def test_a_run_plays_as_it_comes_stands_still_and_goes_where_it_is_told(browser,
         play(SCENARIO, None, lambda run: live.write(run, run.new_verdicts()))
         live.end()
         pages.put(None)
-        page.get_by_test_id("loaded").get_by_text("all 17 s are here").wait_for()
+        page.get_by_test_id("loaded").get_by_text("all 17 s received").wait_for()
         wait_until(lambda: clock(page) > 0.3)
         page.get_by_test_id("play").click()
         stood = clock(page)

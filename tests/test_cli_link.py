@@ -93,7 +93,7 @@ class TestSessions:
         ("words", "said"),
         [
             (("http://x/#j=abc",), "not an invitation"),
-            (("http://x/#j=abc", "--pin", "1234"), "a session's link, and a pin"),
+            (("http://x/#j=abc", "--pin", "1234"), "a session link with a pin"),
             (("http://x/#v=1&pin=123456&broker=ws://x", "--name", "Ada"), "without a session"),
         ],
     )

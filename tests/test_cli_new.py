@@ -59,7 +59,7 @@ def test_a_file_that_is_there_stays(phalanx, folder, kind):
     path = folder / f"mine{ENDINGS[kind]}"
     path.write_text("kept")
     code, out, err = phalanx("new", kind, "mine")
-    assert (code, out, err.splitlines()[0]) == (2, "", f"phalanx: error: {path.name} is there already")
+    assert (code, out, err.splitlines()[0]) == (2, "", f"phalanx: error: {path.name} exists")
     assert path.read_text() == "kept"
 
 
@@ -67,18 +67,18 @@ def test_a_file_that_is_there_stays(phalanx, folder, kind):
 @pytest.mark.parametrize(
     ("name", "hint"),
     [
-        ("My-Flock.py", "as in my_flock"),
-        ("", "as in my_"),
-        ("2nd", "as in nd"),
-        ("../mine", "as in mine"),
-        ("über", "as in ber"),
-        ("a b", "as in a_b"),
+        ("My-Flock.py", "my_flock"),
+        ("", "my_"),
+        ("2nd", "nd"),
+        ("../mine", "mine"),
+        ("über", "ber"),
+        ("a b", "a_b"),
     ],
 )
 def test_what_is_no_name_is_refused(phalanx, folder, kind, name, hint):
     code, out, err = phalanx("new", kind, name)
     assert (code, out) == (2, "")
-    assert f"{name!r} is no name\nphalanx: hint: small letters, digits and _, {hint}" in err
+    assert f"invalid name {name!r}\nphalanx: hint: use lower-case letters, digits and _: {hint}" in err
     assert list(folder.iterdir()) == []
 
 
@@ -88,7 +88,8 @@ def test_a_file_takes_no_module_s_place(phalanx, folder, name):
         code, _, err = phalanx("new", kind, name)
         assert (code, list(folder.iterdir())) == (2, [])
         assert err == (
-            f"phalanx: error: {name} is the name of a Python module\nphalanx: hint: another one, as my_{name}\n"
+            f"phalanx: error: {name} is the name of a Python module\n"
+            f"phalanx: hint: use another name, such as my_{name}\n"
         )
     assert phalanx("new", "scenario", name)[0] == 0
 

@@ -150,7 +150,7 @@ class TestController:
         code, _, err = phalanx("sim", "run", "flock-12", "--duration", "13", *words)
         assert code == 1
         stopped, hint = err.splitlines()[-2:]
-        assert stopped.startswith("phalanx: correct robots that had a quorum were stopped: ")
+        assert stopped.startswith("phalanx: correct robots with a quorum were stopped: ")
         assert hint == "phalanx: hint: phalanx sim check mine.py:Mine"
         assert "sim check" not in phalanx("sim", "run", "flock-12", "--duration", "2", *words)[2]
 

@@ -73,7 +73,7 @@ class TestRun:
         words = ("--defence", defence, "--attack", "request-flood:at=1", "--duration", "20", "--json")
         ended, out, err = phalanx("sim", "run", "flock-12", *words)
         stopped = json.loads(out)["correct_in_safe_mode"]
-        line = f"phalanx: correct robots that had a quorum were stopped: {named(stopped)}"
+        line = f"phalanx: correct robots with a quorum were stopped: {named(stopped)}"
         assert (ended, bool(stopped), line in err.splitlines()) == (code, bool(code), bool(code))
 
     @pytest.mark.parametrize("name", built_in("scenarios"))
@@ -257,7 +257,7 @@ class TestRun:
         finally:
             process.kill()
         assert process.returncode == 1
-        assert err.splitlines()[-1] == f"stopped; recorded until then: {path}"
+        assert err.splitlines()[-1] == f"stopped; recorded so far: {path}"
         assert ("stopping after this step; Ctrl-C again ends it at once" in err) == (number == signal.SIGINT)
         with path.open("rb") as file:
             assert make_reader(file).get_summary().statistics.message_count > 0
@@ -298,7 +298,7 @@ class TestAttack:
         assert (told["declared"], told["defence"], told["attack"]) == ("stopped", "hardened", "spoof")
         code, out, _ = phalanx(*words)
         assert code == 0
-        assert "10.101 s from deviation to Safe Mode, 0.15 s more where an output was missing: kept" in out
+        assert "10.101 s from deviation to Safe Mode, 0.15 s more for a missing output: kept" in out
         (line,) = (line for line in out.splitlines() if line.startswith(f"robot {stop['robot']} "))
         began, stopped = (f"{stop[name]:.2f} s" for name in ("first_deviation_s", "safe_mode_s"))
         assert f"deviated at {began}, in Safe Mode at {stopped}" in line
@@ -310,10 +310,10 @@ class TestAttack:
     def test_a_bound_that_the_run_does_not_reach_is_not_called_kept(self, phalanx):
         code, out, _ = phalanx("attack", "run", "spoof:at=1", "--duration", "2", "--robots", "9")
         assert code == 0
-        assert "more where an output was missing: not tested: the run ended before it" in out
+        assert "more for a missing output: not tested: the run ended before it" in out
         code, out, _ = phalanx("attack", "run", "omit-sends:at=1.999", "--duration", "2", "--robots", "9")
         assert code == 0
-        assert "not tested: nobody deviated" in out
+        assert "not tested: no robot deviated" in out
 
     def test_an_attack_that_begins_after_the_end_is_refused(self, phalanx):
         code, out, err = phalanx("attack", "run", "hijack", "--duration", "12")
@@ -324,7 +324,7 @@ class TestAttack:
     def test_undefended_nothing_stops_it(self, phalanx):
         _, out, _ = phalanx("attack", "run", "spoof:at=1", "--duration", "2", "--robots", "9", "--defence", "none")
         assert "stopped by" not in out
-        assert "on it counts)" in out
+        assert "(counts from " in out
 
     def test_who_leaves_something_out_has_its_own_bound(self, said):
         (stop,) = said("attack", "run", "omit-sends:at=5", "--duration", "18", "--robots", "9")["stops"]
@@ -336,7 +336,7 @@ class TestAttack:
         code, out, _ = phalanx("attack", "run", "gps-spoof:at=11,robot=1", "--duration", "12", "--robots", "2")
         assert code == 0
         assert "never deviated, in Safe Mode at 10." in out
-        assert "none is promised" in out
+        assert "none promised" in out
 
     def test_a_limited_one_is_held_to_its_bucket_and_not_to_a_time(self, phalanx, said):
         words = ("attack", "run", "covert-talk:at=5", "--duration", "18", "--robots", "9")
@@ -348,7 +348,7 @@ class TestAttack:
         assert 0.5 * airtime["bucket_s"] < airtime["used_s"] <= airtime["bucket_s"]
         code, out, _ = phalanx(*words)
         assert code == 0
-        assert "its bucket lets out" in out
+        assert "its bucket allows" in out
         assert "kept" in out
 
     def test_undefended_it_goes_on(self, said):
@@ -389,7 +389,7 @@ class TestAttack:
         assert f"stopped with a quorum  {named([3])}: promise P2 is BROKEN" in out
         code, out, _ = phalanx(*words, "--defence", "none")
         assert code == 0
-        assert "none; no promise is made here" in out
+        assert "none; no promise applies" in out
 
     def test_nobody_correct_is_left_to_be_harmed(self, said):
         told = said("attack", "run", "spoof:at=1", "--duration", "2", "--robots", "1")

@@ -63,7 +63,7 @@ class TestStopped:
                 os.utime(path, (0, 0))
             assert run_command(["sim", "run", "flock-12", "--record", str(path)]) == 1
             last = capsys.readouterr().err.splitlines()[-1]
-            assert last == (f"stopped; recorded until then: {path}" if writes else "stopped")
+            assert last == (f"stopped; recorded so far: {path}" if writes else "stopped")
 
 
 class TestProgress:
@@ -90,7 +90,7 @@ class TestEveryCommand:
                             option.process_value(click.Context(command), value)
         assert taken > 20
         assert run_command(["up", "--duration", "nan"]) == 2
-        assert capsys.readouterr().err.startswith("phalanx: error: Invalid value for '--duration': nan is no finite")
+        assert capsys.readouterr().err.startswith("phalanx: error: Invalid value for '--duration': nan is not a finite")
 
     @pytest.mark.parametrize(
         "path", [[], *([name] for name in ABOUT if name not in ("docs", "doctor", "new", "sweep", "up"))]
@@ -126,7 +126,7 @@ class TestMissionFiles:
         capsys.readouterr()
         assert run_command(["mission", "inspect", str(path)]) == 0
         said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()[:9])
-        assert [said[name] for name in ("robots", "valid_to_s", "signer")] == ["anybody", "for ever", "nobody"]
+        assert [said[name] for name in ("robots", "valid_to_s", "signer")] == ["any", "unlimited", "none"]
 
 
 class TestWhere:
@@ -139,9 +139,9 @@ class TestWhere:
         [
             (
                 ["up", "--qrkey", "--broker", "mosquitto", "--broker-login", "nowhere"],
-                "a login for a broker of our own",
+                "--broker-login with --broker mosquitto",
             ),
-            (["doctor", "--broker-login", "{login}"], "no broker to try"),
+            (["doctor", "--broker-login", "{login}"], "without --broker"),
             (["doctor", "--broker", "localhost", "--broker-ws", "localhost:9001"], "browsers cannot use mqtt://"),
         ],
     )
@@ -187,7 +187,7 @@ class TestRobots:
                 return ["A1", {"address": "B2"}, 7, {"name": "nobody"}, "a/#"]
 
         assert await link._Robots(Visitor()).listed() == [{"address": "A1"}, {"address": "B2"}]
-        assert "no robot: 7, {'name': 'nobody'}, {'address': 'a/#'}\n" in capsys.readouterr().err
+        assert "not robots, but in the list: 7, {'name': 'nobody'}, {'address': 'a/#'}\n" in capsys.readouterr().err
         link._show_robots([], as_json=False)
         assert capsys.readouterr().err == "phalanx: the swarm lists no robots\n"
 
@@ -206,7 +206,7 @@ class TestRobots:
             await link._drive(link._Robots(Visitor()), "A2", (1, 1), 0.1, as_json=False)
         assert not said
         await link._drive(link._Robots(Visitor(), unlisted=True), "A2", (1, 1), 0.1, as_json=False)
-        assert capsys.readouterr().out == "1 command to A2; nobody says whether there is such a robot\n"
+        assert capsys.readouterr().out == "1 command to A2; it is not known whether such a robot exists\n"
         await link._drive(link._Robots(Visitor()), "A1", (1, 1), 0.1, as_json=False)
         assert said == [("A2", "0", (1, 1), 0.1), ("A1", "1", (1, 1), 0.1)]
 
@@ -238,7 +238,7 @@ def test_what_setup_installs_can_draw():
         ("mission run drwn:7", "no file drwn:7", "mission build --map drawn:7 --out FILE"),
         ("mission audit office_40x40", "no file office_40x40", "mission build --map office_40x40 "),
         ("mission run ofice", "no file ofice", "did you mean office?"),
-        ("mission inspect office", "no file office", "phalanx mission build office --out FILE first"),
+        ("mission inspect office", "no file office", "first run phalanx mission build office --out FILE"),
         ("up --world drwn:7", "no map 'drwn:7'", "did you mean drawn:7?"),
         ("up --defence hardned", "'hardned' is not one of", "did you mean hardened? phalanx up --help"),
         ("up --defence bound", "'bound' is not one of", "did you mean hardened? phalanx up --help"),
@@ -247,7 +247,7 @@ def test_what_setup_installs_can_draw():
         ("sim run flock-12 --attack spoof:robt=3", "has no option 'robt'", "did you mean robot?"),
         ("robot arena --on-air repaly:robot=1", "no such attack or option", "did you mean replay?"),
         ("robot arena --on-air replay:robt=1", "no such attack or option", "did you mean robot?"),
-        ("mission run office --record /nowhere/x.mcap", "no folder /nowhere", "make it first"),
+        ("mission run office --record /nowhere/x.mcap", "no folder /nowhere", "create it first"),
         ("mission run office --start 100,100", "no robot can stand at (100, 100) in ", "x 0 to 40, y 0 to 40 m"),
         ("mission run office --start 0,0", "no robot can stand at (0, 0) in ", "away from walls"),
     ],

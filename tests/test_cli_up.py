@@ -215,7 +215,7 @@ class TestUp:
         (line,) = shown
         assert len(line) <= 79
         assert ("ALL STOPPED: go and Enter" if held else "Enter: stop all") in line
-        assert ("broker away" in line) == (not connected)
+        assert ("broker unreachable" in line) == (not connected)
         for count in re.findall("12345.*", line.replace("  ", "\n")):
             assert count.removeprefix("12345 ") in counts, "whole words only"
 
@@ -301,7 +301,7 @@ def test_tablet_and_enter_shows_a_code_that_makes_a_tablet_an_operators(state):
         try:
             next(line for line in up.stdout if line.startswith("operator  "))
             os.write(ours, b"tablet\n")
-            shown = next(line for line in up.stdout if line.startswith("an operator's tablet"))
+            shown = next(line for line in up.stdout if line.startswith("operator's tablet"))
             assert re.search(r"http://127\.0\.0\.1:\d+/operator/#j=[\w-]+$", shown)
         finally:
             up.terminate()

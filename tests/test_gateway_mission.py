@@ -110,7 +110,7 @@ class TestSwarm:
         ("plan", "count", "message"),
         [
             (b"size: [10, 10]\nstart_pose: [3.0, 1.5, 1.57]\n", 1, "0 walls"),
-            (SMALL.replace("start_pose: [1.5, 3.0, 0.0]", "").encode(), 1, "does not say where robots begin"),
+            (SMALL.replace("start_pose: [1.5, 3.0, 0.0]", "").encode(), 1, "has no start"),
             (SMALL.encode(), 0, "0 robots"),
             (SMALL.encode(), MOST_ROBOTS + 1, f"{MOST_ROBOTS + 1} robots"),
         ],
@@ -343,7 +343,7 @@ class TestUp:
         words = ("--mission", str(tmp_path / "through.yaml"), "--world", str(tmp_path / "small.yaml"), "--robots", "1")
         with child("up", "--port", "0", *words) as running:
             wait_until(lambda: any(line == "Ada completed the mission" for line in running.out), 500)
-            assert "mission through: 2 nodes, all dark" in running.out
+            assert "mission through: 2 nodes, all still encrypted" in running.out
             children = Path(f"/proc/{running.process.pid}/task/{running.process.pid}/children").read_text().split()
             assert len(children) >= 2, "the front end and the robots"
             # As a terminal does it: everybody hears of it.

@@ -225,7 +225,7 @@ class TestPages:
         assert health(0.0) == "not working", "no robot was heard"
         assert health(1.0, shield(9.0)) == "not working"
         assert health(2.0, shield(9.0, 3.0)) == "working"
-        swarm.unchecked = "its own trusted nodes are gone"
+        swarm.unchecked = "the gateway's trusted nodes are gone"
         assert health(4.0) == "working", "its tokens are still good"
         assert health(6.0) == "not working"
         assert health(7.0, shield(9.0, 9.0, stopped=True)) == "not working"

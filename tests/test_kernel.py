@@ -499,7 +499,7 @@ def test_the_doctor_names_the_c_compiler_for_ones_own_controllers(copied, tmp_pa
     assert (found["ok"], found["found"]) == (True, str(compiler))
     for env, why in asked:
         found = one_found(copied, "_c_compiler", **env)
-        assert found["found"] == f"{why}: controllers of your own run uncompiled"
+        assert found["found"] == f"{why}: your own controllers run uncompiled"
         assert found["fix"]
 
 

@@ -79,11 +79,11 @@ async def test_an_operator_manages_visitors_from_a_terminal():
                 (1, "the number of another", ("kick", "1")),
                 (1, "no robot 'Nowhere'", ("assign", "Ada", "Nowhere")),
                 (1, "Ada has no robot", ("assign", "Ada", "--none")),
-                (1, "Ada does not wait", ("approve", "Ada")),
-                (2, "NAME or --everybody", ("kick",)),
-                (2, "NAME or --everybody", ("kick", "Ada", "--everybody")),
+                (1, "Ada is not waiting", ("approve", "Ada")),
+                (2, "either NAME or --everybody", ("kick",)),
+                (2, "either NAME or --everybody", ("kick", "Ada", "--everybody")),
                 (2, "--everybody with --watch", ("approve", "--everybody", "--watch")),
-                (2, "no robot", ("assign", "Ada")),
+                (2, "either ROBOT or --none", ("assign", "Ada")),
             ):
                 got, out, err = await link(*words)
                 lines = err.splitlines()
@@ -93,7 +93,7 @@ async def test_an_operator_manages_visitors_from_a_terminal():
             assert "did you mean Ada?" in (await link("kick", "Adda"))[2]
 
             code, out, err = await link("kick", "Ada")
-            assert (code, "the code on the screen ended now" in out, "wait" in err) == (0, True, True)
+            assert (code, "the screen's code are invalid now" in out, "wait" in err) == (0, True, True)
             await eventually(lambda: ada.ended is EndReason.REMOVED)
         async with by_code(ready["qr_url"], "Ada") as again:
             await eventually(lambda: again.ws.closed)  # as `kick` says
@@ -123,7 +123,7 @@ async def test_what_a_command_cannot_do_is_said(monkeypatch):
     monkeypatch.setattr("phalanx.cli.people.ask_gateway", lambda *_: told)
     code, _, err = await link("assign", "Ada", "--none")
     assert (code, "a robot again" in err, "approve --watch Ada" in err) == (1, True, True)
-    assert "nobody can be removed who has the shared code" in (await link("kick", "Ada"))[2]
+    assert "with the shared code of --qrkey cannot be removed" in (await link("kick", "Ada"))[2]
     assert (await asked("people"))["by_shared_code"] == 1
 
 

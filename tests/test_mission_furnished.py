@@ -44,7 +44,7 @@ def built(folder: Path, name: str, *words: str) -> list[str]:
     [
         pytest.param("delivery", "sealed", "not in this world: codes on the walls;", marks=pytest.mark.long),
         ("delivery", "paper", "not in this world: actions that robots can do, codes on the walls;"),
-        ("inspection", "paper", "robot 2 does not stand where its mission begins"),
+        ("inspection", "paper", "robot 2 is not at the start of its mission"),
     ],
 )
 def test_files_are_lived_where_their_author_furnished_the_world_and_elsewhere_it_is_said_what_is_missing(
@@ -68,7 +68,7 @@ def test_each_file_belongs_to_a_part_and_one_key_to_one_file(tmp_path: Path) -> 
         "encoded files: 2": ("run", one, other, "--furnish", "delivery"),
         "encoded files: 1": ("run", one, "--furnish", "inspection"),
         "--key for 2 files": ("run", one, other, "--key", one),
-        "several missions": ("run", "office", "delivery"),
+        "several plain missions": ("run", "office", "delivery"),
         "are for encoded missions": ("run", "office", "--furnish", "office"),
     }
     for says, words in wrong.items():

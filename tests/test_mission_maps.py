@@ -54,7 +54,7 @@ walls: [[0, 0, 8, 0], [8, 0, 8, 6], [8, 6, 0, 6], [0, 6, 0, 0], [5, 0, 5, 2.5], 
 def test_no_folder_is_made_for_missions_and_their_keys(tmp_path: Path) -> None:
     error = command("build", "office", "--out", tmp_path / "nowhere" / "m.phxm").exception
     assert isinstance(error, UsageError)
-    assert error.hint == "make it first"
+    assert error.hint == "create it first"
     assert not (tmp_path / "nowhere").exists()
 
 
@@ -62,7 +62,7 @@ def test_no_folder_is_made_for_missions_and_their_keys(tmp_path: Path) -> None:
 def test_the_audit_that_a_build_from_a_map_points_to_is_of_the_same_mission(tmp_path: Path) -> None:
     told = command("build", "--map", "aws_small_house", "--out", tmp_path / "m.phxm", "--profile", "paper")
     assert told.exception is None
-    hint = re.search(r"(\d+) more; phalanx mission (audit .*) tells them", told.stderr)
+    hint = re.search(r"(\d+) more; phalanx mission (audit .*) lists them", told.stderr)
     assert hint
     words = shlex.split(hint[2].replace("MAP", "aws_small_house"))
     report = json.loads(command(*words, "--json").stdout)

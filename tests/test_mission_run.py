@@ -247,7 +247,7 @@ def test_too_few_robots_to_audit_each_other_are_refused_before_anything_is_encod
 
 
 def test_of_a_team_in_which_p2_does_not_hold_that_is_said(capsys) -> None:
-    few = "if 1 of 4 robots lie, they may have others stopped: P2 takes 5 robots with f_max 1"
+    few = "1 compromised of 4 robots can cause others to be stopped: promise P2 needs 5 robots with f_max 1"
     for robots, told in ((4, few), (5, "")):
         _warn_of_few(run_of(two_doors(), robots=robots, defence="hardened"))
         assert told in (err := capsys.readouterr().err)
@@ -281,7 +281,7 @@ def test_an_encoded_mission_runs_from_its_file_and_not_when_it_was_altered(tmp_p
     key.write_bytes(built.key.encode())
     in_time = ("--duration", "60")  # three times as long as it needs
     ran = CliRunner().invoke(group, ["run", str(file), *in_time])
-    assert (ran.exit_code, "in office_40x40; --world names another" in ran.stderr) == (0, True)
+    assert (ran.exit_code, "in office_40x40; use --world for another building" in ran.stderr) == (0, True)
     told = CliRunner().invoke(group, ["run", str(file), "--world", "office_40x40", "--duration", "1"]).stderr
     assert "--world" not in told
     assert isinstance(_command(str(file), "--robots", "2")[2], UsageError), "it is for one robot"
@@ -324,7 +324,7 @@ def test_a_recording_has_the_walls_and_what_was_decoded_and_is_the_same_again(tm
     assert all(row == {"robot": row["robot"], "way": 0, "turn": 0, "curve_radpm": 0} for row in learnt[:2])
     last = {row["robot"]: row for row in learnt}
     assert json.loads(out)["drift"] == [last[1], last[2]]
-    assert any(line.startswith("its wheels err by   way ") for line in said)
+    assert any(line.startswith("odometry error    way ") for line in said)
     assert isinstance(_command("inspection", "--profile", "paper", "--record", "no/where/x.mcap")[2], UsageError)
     _, out, error = _command("inspection", "--profile", "paper", "--record", "/dev/full", "--duration", "1", "--json")
     assert isinstance(error, Unavailable)
@@ -341,7 +341,7 @@ def test_the_models_of_noise_are_told_apart_on_the_command_line() -> None:
 def test_wheels_that_are_worse_than_robots_allow_for_are_told(noise: str, is_told: bool) -> None:
     words = ["run", "office", "--profile", "paper", "--noise", noise, "--duration", "1"]
     said = CliRunner().invoke(group, words, standalone_mode=False).stderr
-    assert ("their fixes may be false" in said) == is_told
+    assert ("their fixes can be false" in said) == is_told
 
 
 def test_a_run_in_which_nothing_was_searched_prints_no_figures_of_it(tmp_path: Path) -> None:

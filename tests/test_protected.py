@@ -307,13 +307,13 @@ class TestChoice:
         assert "--defence none" in refused.value.hint
 
     def test_of_a_swarm_of_one_too_few_for_p2_that_is_said(self):
-        told = "if 3 of 8 robots lie, they may have others stopped: P2 takes 9 robots"
+        told = "3 compromised of 8 robots can cause others to be stopped: P2 needs 9 robots"
         assert choose_protection(8, None, 3).note == told
-        assert choose_protection(4, None, None).note.startswith("with 4 robots f_max is 1; if 1 of 4 robots lie")
+        assert choose_protection(4, None, None).note.startswith("with 4 robots f_max is 1; 1 compromised of 4 robots")
 
     def test_the_command_says_so(self, capsys):
         assert run_command(["up", "--events", "--port", "0", "--robots", "101", "--defence", "hardened"]) == 2
-        assert "hint: at most 100" in capsys.readouterr().err
+        assert "hint: use at most 100" in capsys.readouterr().err
 
 
 @pytest.mark.waits

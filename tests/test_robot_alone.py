@@ -28,7 +28,7 @@ from ordered import MISSION, PUBLIC, order, wheels_order
 from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
-from phalanx.cli.robot import _is, status
+from phalanx.cli.robot import _state, status
 from phalanx.config import BtiConfig
 from phalanx.daemon import kept_log, proofs
 from phalanx.daemon import life as life_module
@@ -95,7 +95,7 @@ def test_a_robots_file_is_read_and_its_paths_are_beside_it(tmp_path):
         ("robot: 3\n", "", 1, "robot file has no robot"),
         ("driver: python:wheels.py", "driver: wheels.py", 4, "driver is 'wheels.py'"),
         ("key: key.json", "keys: key.json", 3, "robot file has no 'keys'"),
-        ('  peers: [127.0.0.1:4401, "[::1]:4402"]', "  peers: []", 7, "peers are none"),
+        ('  peers: [127.0.0.1:4401, "[::1]:4402"]', "  peers: []", 7, "peers is empty"),
         ("  here: 127.0.0.1:4403\n", "", 6, "radio has no here"),
     ],
 )
@@ -177,11 +177,11 @@ def with_nodes(tmp_path, where):
 @pytest.mark.parametrize("where", ["192.168.1.7:4400", "board.local:4400", "[fd00::7]:4400", "0.0.0.0:4400"])
 def test_a_master_key_goes_to_nobody_over_a_network(tmp_path, where):
     settings = with_nodes(tmp_path, f"tcp:{where}")
-    with pytest.raises(UsageError, match="a master key for whoever answers"):
+    with pytest.raises(UsageError, match="cannot send a master key to"):
         provision(settings, tmp_path / "no.keys", "", "2026-01-01")
     node = SimpleNamespace(about=SimpleNamespace(robot_id=0))
     (tmp_path / "key.json").write_bytes(issued(1, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 1)}, {}))
-    with pytest.raises(UsageError, match="a master key for whoever answers"):
+    with pytest.raises(UsageError, match="cannot send a master key to"):
         provision_keys(node, settings, None)
 
 
@@ -189,7 +189,7 @@ def test_each_start_with_nodes_on_a_network_warns(tmp_path, monkeypatch, caplog)
     monkeypatch.setattr("phalanx.daemon.trusted.open_line", lambda _: pytest.fail("opened"))
     with pytest.raises(pytest.fail.Exception):
         connect_nodes(with_nodes(tmp_path, "tcp:192.0.2.1:4400"))
-    assert "nothing tells who answers" in caplog.text
+    assert "are not authenticated" in caplog.text
 
 
 @pytest.mark.parametrize("here", ["tcp:127.0.0.1:9", "tcp:localhost:9", "tcp:[::1]:9", "unix:x", "serial:/dev/x"])
@@ -248,7 +248,7 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
         with pytest.raises(Unavailable, match="its nodes are gone"):
             asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", None, ()))
     kept_no_further, cannot_write = sorted(caplog.messages, key=lambda words: "cannot write" in words)
-    assert "robot-3.log is kept no further: No space left" in kept_no_further
+    assert "robot-3.log: the log is no longer written: No space left" in kept_no_further
     assert "cannot write" in cannot_write
 
 
@@ -314,28 +314,28 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
     shown = capsys.readouterr().out
     for words in (
         "x?]0;y?",
-        "s ago; the rest is of then",
+        "s ago; the rest is of that time",
         "2 (1.5 s old, for 3.5 s more)",
         "2: 5 times, 1.2 s ago",
         "output wrong, 1 times, 9.0 s ago",
-        "109.5 MB of memory, 1.0 MB more than at its beginning",
+        "109.5 MB of memory, 1.0 MB more than at the start",
     ):
         assert words in shown
     for more in ({}, {"pid": 1.5}, {"pid": 1 << 40}):
         told.write_text(json.dumps(state | more))
-        with pytest.raises(UsageError, match="no robot"):
+        with pytest.raises(UsageError, match=r"not that of a robot|not the state file of a robot"):
             status(tmp_path / "robot.yaml", as_json=False)
 
 
 def test_status_names_why_a_robot_stands_or_has_ended():
     missing = {"for_s": 1.24, "why": "odometry lost"}
     state = {"safe_mode": False, "why_stopped": "", "why_ended": "", "no_reading": missing}
-    assert _is(state, running=True) == "running, and stands: no reading for 1.2 s: odometry lost"
-    assert _is(state, running=False) == "not running: it was killed, or its machine went off"
-    assert _is(state | {"why_ended": "its nodes are gone"}, running=False) == "not running: its nodes are gone"
+    assert _state(state, running=True) == "running, but standing still: no reading for 1.2 s: odometry lost"
+    assert _state(state, running=False) == "not running: the process was killed, or its machine was switched off"
+    assert _state(state | {"why_ended": "its nodes are gone"}, running=False) == "not running: its nodes are gone"
     stopped = state | {"safe_mode": True, "why_stopped": "nobody vouches", "why_ended": "it was told to end"}
-    assert _is(stopped, running=True) == "in Safe Mode: nobody vouches"
-    assert _is(stopped, running=False) == "not running: it was told to end; it was in Safe Mode: nobody vouches"
+    assert _state(stopped, running=True) == "in Safe Mode: nobody vouches"
+    assert _state(stopped, running=False) == "not running: it was told to end; it was in Safe Mode: nobody vouches"
 
 
 def test_numbers_that_nobody_can_show_make_no_traceback(tmp_path):
@@ -344,7 +344,7 @@ def test_numbers_that_nobody_can_show_make_no_traceback(tmp_path):
     told.write_text(
         json.dumps(state | {"tokens": [], "tokens_needed": 2, "given": [], "refused": [], "longest_ms": {}})
     )
-    with pytest.raises(UsageError, match="no robot"):
+    with pytest.raises(UsageError, match=r"not that of a robot|not the state file of a robot"):
         status(tmp_path / "robot.yaml", as_json=False)
 
 
@@ -360,11 +360,10 @@ def stopped(heard_ago_ms=(), asked_ago_ms=(), late_ms=0.0, log_full=False):
 
 
 def test_a_robot_in_safe_mode_says_why_as_far_as_it_knows():
-    assert "0 of the 2 that are needed vouch for it; it heard 1 robots in the last 5 s" in stopped(
-        (100, 6000), (100, 100)
-    )
-    assert "heard 2 robots in the last 5 s and asked 1 of them: who does" in stopped((100, 4900, 9000), (4900, 5100, 1))
-    assert "a reading of its was 101 ms late, and its auditors allow 100" in stopped((9, 9), (9, 9), late_ms=101.0)
+    assert "0 of 2 needed robots vouch for it; it heard 1 robots in the last 5 s" in stopped((100, 6000), (100, 100))
+    told = stopped((100, 4900, 9000), (4900, 5100, 1))
+    assert "heard 2 robots in the last 5 s and asked 1 of them: the others" in told
+    assert "one of its readings was 101 ms late, and its auditors allow 100" in stopped((9, 9), (9, 9), late_ms=101.0)
     assert "its log was full" in stopped(log_full=True)
 
 
@@ -606,8 +605,8 @@ async def test_a_call_that_has_answered_does_not_hang_for_whoever_asks_again_at_
         (
             "(Driver)",
             "drive",
-            "Base in wheels.py has a method drive, but none named stop",
-            "write stop: nothing else stops its motors",
+            "Base in wheels.py has a method drive, but no method stop",
+            "add stop: nothing else stops its motors",
         ),
     ],
 )
@@ -637,7 +636,7 @@ def lived(monkeypatch, *, waits):
     clock.now_ms = lambda: clock.ms
     life.id, life.scenario = 1, SimpleNamespace(bti=BtiConfig(f_max=1))
     life.clock, life._lateness, life.why_late = clock, Lateness(), ""
-    life._came, life._advised, life.waits_for_advice = asyncio.Event(), False, waits
+    life._packet_or_advice, life._advised, life.waits_for_advice = asyncio.Event(), False, waits
     life.radio = SimpleNamespace(take=bytes)
     life.longest_ms = dict.fromkeys(("late", "reading"), 0.0)
     life.runtime = SimpleNamespace(input_ms=1250, check_ms=9999, wake_ms=9999, audit_ms=9999, due_ms=1250)
@@ -658,7 +657,7 @@ async def test_new_advice_is_acted_on_as_early_as_auditors_allow_and_once(monkey
     with lived(monkeypatch, waits=True) as (life, clock, read_ms):
         assert await life._turn() == 250  # nothing is new
         life.advised()
-        assert life._came.is_set()
+        assert life._packet_or_advice.is_set()
         assert await life._turn() == 160
         clock.ms = 1160
         assert await life._turn() == 0
@@ -683,12 +682,12 @@ async def test_a_late_reading_says_what_took_the_time_and_the_latest_is_told(mon
         await life._turn()  # and would sleep for 180 ms
         clock.ms, clock.asked_ms = 1250 + 51, 40.0
         await life._turn()
-        assert life.why_late.startswith("a reading came 51 ms late: waiting took ")
-        assert "180 asleep as meant" in life.why_late
-        assert "40 until trusted nodes answered" in life.why_late
+        assert life.why_late.startswith("a reading was 51 ms late: waiting took ")
+        assert "180 sleeping as planned" in life.why_late
+        assert "40 waiting for trusted nodes" in life.why_late
         clock.ms = 1500 + 101
         await life._turn()
-        assert life.why_late.startswith("a reading came 101 ms late, and its auditors allow 100: a reading took ")
+        assert life.why_late.startswith("a reading was 101 ms late, and its auditors allow 100 ms: a reading took ")
         clock.ms = 1750 + 101
         await life._turn()  # no later than the last
         assert len(caplog.messages) == 2
@@ -705,7 +704,7 @@ async def test_in_safe_mode_a_robot_reads_no_frame_any_more(monkeypatch):
 
         async def until_stopped(_: object) -> None:
             assert loop.remove_reader(radio), "it listens"
-            loop.add_reader(radio, life._came.set)
+            loop.add_reader(radio, life._packet_or_advice.set)
 
         monkeypatch.setattr(life, "_until_stopped", until_stopped)
         await life.live(None)
@@ -732,7 +731,7 @@ def test_why_a_thread_is_late_is_told_apart():
         lateness.did("waiting", 10.0)
         time.sleep(0.06)
         lateness.turn(0.0)
-        assert numbers_of(lateness)["for"] >= 40
+        assert numbers_of(lateness)["other"] >= 40
         assert numbers_of(lateness)["computing"] < 30
     finally:
         lateness.close()
@@ -761,7 +760,7 @@ def test_who_has_no_processor_says_that_others_had_it():
 
 def test_a_pipe_in_place_of_what_a_robot_tells_keeps_nobody_waiting(tmp_path):
     os.mkfifo(tmp_path / "robot-1.json")
-    with pytest.raises(UsageError, match="no robot has told of itself"):
+    with pytest.raises(UsageError, match="is not the state file of a robot"):
         fuse_matches(tmp_path / "robot-1.json")
 
 

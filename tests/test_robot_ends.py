@@ -226,7 +226,7 @@ def test_without_a_reading_motors_stand_and_the_robot_goes_on_when_there_is_one(
         time.sleep(1.5)
         assert robot.wheels == STANDS
         # A robot writes its status each second.
-        told = rf"running, and stands: no reading for [1-9]\d*\.\d s: .*{why}"
+        told = rf"running, but standing still: no reading for [1-9]\d*\.\d s: .*{why}"
         wait_until(lambda: re.search(told, robot.status()))
         robot.has("none")
         robot.waits(DRIVES, 5)

@@ -391,7 +391,7 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
         assert guarded.ADVICE.encode(bytes=WISHED) in advice, "its planner was not asked, or it is not on disk"
         again = subprocess.run((*PHALANX, "robot", "run", str(path)), capture_output=True, text=True, check=False)
         assert again.returncode == 1
-        assert "have had the key of mission 1 already: the robot stands still" in again.stderr
+        assert "already had the key of mission 1: the robot stands still" in again.stderr
         assert "hint: phalanx keys issue" in again.stderr
         assert "Traceback" not in again.stderr
         body.begin()

@@ -165,7 +165,7 @@ class TestFile:
         ("was", "is_now", "trouble"),
         [
             ("controller: wheels", "controller: flock", "controller: flock"),
-            (NAMED, "", "names no gateway_key and operator_key"),
+            (NAMED, "", "has no gateway_key and operator_key"),
             (PUBLIC[GATEWAY].hex(), PUBLIC[OPERATOR].hex(), "names another gateway_key"),
             (PUBLIC[OPERATOR].hex(), "ab", "operator_key is 'ab'"),
             ("grid_step_m: 0.6", "grid_step_m: 6", "area_m has no room"),
@@ -195,9 +195,9 @@ class TestFile:
     @pytest.mark.parametrize(
         ("said", "trouble"),
         [
-            ({"trusted": "process:g.flash"}, "trusted nodes of number 0"),
-            ({"number": 9}, "trusted nodes of number 9"),
-            ({"trusted": "process:g.flash", "number": 2}, "trusted nodes of number 2"),
+            ({"trusted": "process:g.flash"}, "trusted nodes with number 0"),
+            ({"number": 9}, "trusted nodes with number 9"),
+            ({"trusted": "process:g.flash", "number": 2}, "trusted nodes with number 2"),
             ({"packets": "sealed"}, "packets: sealed, without trusted"),
             ({"trusted": "carrier:pigeon", "number": 9}, "carrier:pigeon"),
         ],
@@ -393,7 +393,7 @@ class TestSwarm:
         else:
             flash.write_text("-----BEGIN PRIVATE KEY-----")
         before = flash.read_bytes()
-        with pytest.raises(UsageError, match="holds no nodes of this gateway's"), gateway(file):
+        with pytest.raises(UsageError, match="does not belong to this gateway's nodes"), gateway(file):
             pass
         assert flash.read_bytes() == before
 

@@ -104,7 +104,7 @@ class TestMistakes:
             (("--robots", "5"), "robot 5 has no master key"),
             (("--robots", "3"), "--keys without audits"),
             (("--robots", "4", "--defence", "none"), "--keys without audits"),
-            (("--mission", "office"), "--keys and --mission together"),
+            (("--mission", "office"), "--keys with --mission"),
             (("--swarm", "robots.yaml"), "--swarm and --keys"),
             (("--robots", "4", "--scenario", "patroll"), "no wheels can do 'patroll'"),
         ],

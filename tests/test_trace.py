@@ -158,9 +158,9 @@ class TestCommand:
         ("words", "error", "hint"),
         [
             ("robot=99", "there is no robot 99 to trace", "robots are 1 to 6"),
-            ("x", "--trace x", "--trace robot=5: the number of one robot"),
-            ("robot=", "--trace robot=", "--trace robot=5: the number of one robot"),
-            ("", "--trace ", "--trace robot=5: the number of one robot"),
+            ("x", "--trace x", "give the number of one robot, such as --trace robot=5"),
+            ("robot=", "--trace robot=", "give the number of one robot, such as --trace robot=5"),
+            ("", "--trace ", "give the number of one robot, such as --trace robot=5"),
         ],
     )
     def test_a_mistake_is_one_line(self, phalanx, words, error, hint):
@@ -171,4 +171,6 @@ class TestCommand:
     def test_a_second_robot_is_refused(self, phalanx):
         code, out, err = phalanx(*self.QUICK, "--trace", "robot=5", "--trace", "robot=6")
         assert (code, out) == (2, "")
-        assert err.splitlines() == ["phalanx: error: --trace robot=5 --trace robot=6", "phalanx: hint: one robot a run"]
+        error, hint = err.splitlines()
+        assert error == "phalanx: error: --trace robot=5 --trace robot=6"
+        assert hint == "phalanx: hint: trace one robot per run"

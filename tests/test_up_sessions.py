@@ -189,7 +189,7 @@ def test_no_gateway_no_ticket(state):
         (("--qrkey", "--broker", "mosquitto", "--assign", "tickets"), "leave one out"),
         (("--rotate-s", "600"), "--qrkey"),
         (("--pin-digits", "12"), "--qrkey"),
-        (("--visitors-login", "file"), "visitors come without a login"),
+        (("--visitors-login", "file"), "visitors connect without a login"),
         (("--frontend", "http://x/"), "--qrkey"),
     ],
 )

@@ -16,7 +16,7 @@ from phalanx.gateway.up import UpOptions
 def test_it_chooses_what_is_shown():
     for words in (("--mission", "office"), ("--scenario", "patrol"), ("--duration", "5")):
         done = called("up", "--tour", *words)
-        assert (done.returncode, "the tour chooses" in done.stderr) == (2, True), done.stderr
+        assert (done.returncode, "the tour has a fixed program" in done.stderr) == (2, True), done.stderr
     done = called("up", "--tour", "--robots", "3")
     assert (done.returncode, "needs robots that audit" in done.stderr) == (2, True), done.stderr
 

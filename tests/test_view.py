@@ -204,9 +204,9 @@ def test_misuse_is_one_line(phalanx, seen, tmp_path, monkeypatch):
         ([str(tmp_path / "none.mcap")], "cannot read"),
         ([str(tmp_path / "empty.mcap")], "no recording"),
         ([str(tmp_path / "other.mcap")], "no recording"),
-        ([path, "--seed", "0"], "plays as it was"),
+        ([path, "--seed", "0"], "which options cannot change"),
         (["bti-fig0"], "no scenario"),
-        (["flock-12", "--duration", "100000"], "more than a page keeps"),
+        (["flock-12", "--duration", "100000"], "exceed the page's memory"),
         ([path, "--port", "65536"], "65536"),
     ):
         code, out, err = phalanx("sim", "view", *words)

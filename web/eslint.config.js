@@ -1,5 +1,5 @@
-// eslint and not a faster linter: rules that know the types find what the others cannot (a promise nobody waits for), and
-// all of it is JavaScript, so that one lock file serves every platform.
+// eslint, because rules that know the types find errors that other linters cannot (such as unawaited promises). It is pure
+// JavaScript, so one lock file serves every platform.
 
 import js from "@eslint/js";
 import hooks from "eslint-plugin-react-hooks";

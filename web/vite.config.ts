@@ -1,5 +1,5 @@
-// One page a build, chosen by PAGE: the gateway serves each from a folder of its own, under any path, so every asset is
-// addressed relative to its page.
+// One page per build, chosen by PAGE. The gateway serves each from its own folder, under any path, so assets have
+// addresses relative to their page.
 
 import { writeFileSync } from "node:fs";
 import { join } from "node:path";
@@ -9,7 +9,7 @@ import { type AliasOptions, defineConfig, type Plugin } from "vite";
 
 const PAGES = ["visitor", "operator", "viewer"];
 
-/** Beside each script and stylesheet a packed one, which the gateway sends to whoever takes it: a third, on a slow network. */
+/** Write a compressed copy beside each script and stylesheet, for clients that accept it: a third of the size. */
 const packed: Plugin = {
   name: "packed",
   writeBundle({ dir }, bundle) {
@@ -21,8 +21,8 @@ const packed: Plugin = {
 };
 
 /**
- * The stylesheet behind the first picture, which waits for nothing: it has its looks in attributes, as the content security
- * policy allows no styles of its own.
+ * Load the stylesheet after the first picture, which needs none: it is styled by attributes, as the content security
+ * policy allows no inline styles.
  */
 const styledLater: Plugin = {
   name: "styled later",
@@ -36,7 +36,7 @@ const styledLater: Plugin = {
   },
 };
 
-/** A tenth of React's size, for a page that is loaded over a phone's network. */
+/** Preact instead of React: a tenth of its size, for pages loaded over a phone's network. */
 const PREACT: AliasOptions = [
   { find: /^react$/, replacement: "preact/compat" },
   { find: /^react-dom\/client$/, replacement: "preact/compat/client" },
@@ -55,7 +55,7 @@ export default defineConfig(() => {
       outDir: `${import.meta.dirname}/../src/phalanx/gateway/pages/${page}`,
       emptyOutDir: true,
       rolldownOptions: page === "operator" ? { input: ["index", "projector"].map((name) => `${import.meta.dirname}/operator/${name}.html`) } : {},
-      // A data: URL would need its own word in the content security policy.
+      // A data: URL would need an exception in the content security policy.
       assetsInlineLimit: 0,
       modulePreload: { polyfill: false },
       // mqtt.js alone is 370 kB.

@@ -214,7 +214,7 @@ class TestCommand:
     def test_run_says_what_was_seen(self, phalanx):
         code, out, _ = phalanx("attack", "run", "move-code", "--defence", "none")
         assert code == 0
-        assert "none, which should make it: bites: so it is" in out
+        assert "none, declared outcome: bites: as declared" in out
         assert "pick (WRONG)" in out
         code, out, _ = phalanx("attack", "run", "replay-day")
         assert code == 0

@@ -128,7 +128,7 @@ def test_a_mission_in_parts_is_a_file_for_each(folder):
 def test_a_floor_plan_becomes_a_mission_and_a_mission_is_checked_against_it(folder):
     told = js("build", "--map", "office_40x40", "--out", "all.phxm", "--profile", "paper")
     assert told["files"][0]["nodes"] > 30
-    assert "the map shows no such doorway" in said_by("build", "small.yaml", "--map", "office_40x40", "--out", "m.phxm")
+    assert "no such doorway on the map" in said_by("build", "small.yaml", "--map", "office_40x40", "--out", "m.phxm")
     of_ours = said_by("build", "office", "--map", "office_40x40", "--out", "o.phxm", "--profile", "paper")
     assert "warning" not in of_ours
 
@@ -175,7 +175,7 @@ def test_who_has_the_floor_plan_is_counted_beside_who_has_not(folder):
     assert told["plan_core_s"] < 1 < 1000 < told["core_s"]
     assert told["nodes"][5]["by_plan"] < 10 < told["nodes"][5]["candidates"]
     assert js("audit", "office")["plan_core_s"] is None, "nothing can be begun"
-    assert "likewise with the map" in run("audit", "office", "--open-start", "--offset-mm", "50")
+    assert "same, with the map" in run("audit", "office", "--open-start", "--offset-mm", "50")
 
 
 def test_a_trial_lives_the_mission_in_its_map_and_reports(folder):
@@ -272,17 +272,17 @@ def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
         (("build", "--map", "broken.yaml", "--out", "x"), "broken.yaml:1: not YAML: "),
         (("build", "bare.yaml", "--out", "x"), "bare.yaml is a map, not a mission"),
         (("build", "twice.yaml", "--out", "x"), "occurs twice"),
-        (("build", "small.yaml", "--out", "x", "--robots", "a"), "is no robot"),
-        (("build", "small.yaml", "--out", "x", "--robots", "5-1"), "robots 5-1"),
-        (("build", "small.yaml", "--out", "x", "--robots", "1,60000-70000"), "robots 60000-70000"),
+        (("build", "small.yaml", "--out", "x", "--robots", "a"), "invalid robot id"),
+        (("build", "small.yaml", "--out", "x", "--robots", "5-1"), "robot ids 5-1"),
+        (("build", "small.yaml", "--out", "x", "--robots", "1,60000-70000"), "robot ids 60000-70000"),
         (("run", "small.yaml", "--at", "1e308"), "--at 1e+308"),
-        (("build", "small.yaml", "--out", "x", "--valid", "now"), "is no window"),
-        (("build", "small.yaml", "--out", "x", "--valid", "now/then"), "is no time"),
-        (("build", "small.yaml", "--out", "x", "--sign-key", "op.pub"), "no private key"),
+        (("build", "small.yaml", "--out", "x", "--valid", "now"), "invalid period"),
+        (("build", "small.yaml", "--out", "x", "--valid", "now/then"), "invalid time"),
+        (("build", "small.yaml", "--out", "x", "--sign-key", "op.pub"), "no unencrypted private key"),
         (("verify", "nowhere.phxm"), "no file"),
-        (("crack", "m.phxm", "--box", "1,2,3"), "is no area"),
+        (("crack", "m.phxm", "--box", "1,2,3"), "invalid area"),
         (("draw", "office", "--out", "x.gif"), "neither PNG nor SVG"),
-        (("audit", "m.phxm"), "encoded already"),
+        (("audit", "m.phxm"), "already encoded"),
         (("build", "--map", "empty.yaml", "--out", "x"), "has no landmarks"),
         (("build", "--map", "bare.yaml", "--out", "x"), "has no landmarks"),
     ],

@@ -1,4 +1,4 @@
-// What a frame says of robots, done to those that a visitor knows (docs/spec/vocabulary.md).
+// Apply state updates to the known robots (docs/spec/vocabulary.md).
 
 import type { Json, JsonObject } from "./core/json";
 import { readWalk } from "./mission";
@@ -10,14 +10,14 @@ import { type Point, Trail } from "./trail";
 
 export const NOTIFY_FRAME = 16;
 
-/** Most robots that are kept: ten times what the map is made for. */
+/** Most robots that are stored: ten times what the map is made for. */
 export const MOST_ROBOTS = 2000;
 
 export function list(words: Json | undefined): readonly Json[] {
   return Array.isArray(words) ? (words as readonly Json[]).slice(0, MOST_ROBOTS) : [];
 }
 
-/** What a frame says that no later one says again; the audits that it tells of. */
+/** Apply the parts of an update that no later one repeats; return its audits. */
 export function lastingInFrame(
   robots: Map<string, Robot>,
   numbers: ReadonlyMap<number, string>,
@@ -34,7 +34,7 @@ export function lastingInFrame(
   return audits;
 }
 
-/** False for a robot that we do not know. */
+/** False for an unknown robot. */
 export function moveInFrame(
   robots: Map<string, Robot>,
   numbers: ReadonlyMap<number, string>,
@@ -43,7 +43,7 @@ export function moveInFrame(
 ): boolean {
   const address = numbers.get(number);
   const robot = address === undefined ? undefined : robots.get(address);
-  // Of robots beyond what we keep, no answer would tell us more.
+  // Robots beyond the limit are ignored: no answer would add them.
   if (address === undefined || !robot) return robots.size >= MOST_ROBOTS;
   robots.set(address, { ...robot, direction });
   move(robots, address, readPointXy(x, y), step);

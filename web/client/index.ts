@@ -1,4 +1,4 @@
-// The library's surface: protocol, connection, hooks, and the vocabulary of swarms.
+// The library's exports: protocol, connection, hooks, and the swarm's vocabulary.
 
 export { decodeBase64url } from "./core/base64url";
 export { UsageError } from "./core/errors";

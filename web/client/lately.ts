@@ -1,19 +1,19 @@
-// What frames said lately that no later frame says again. A long list is on its way for a while, and frames overtake it: what
-// they said is done to it once more. In order and up to the newest, so that what was older than the list does no harm.
+// Recent updates that no later update repeats. A long list can be overtaken by updates on its way: they are applied to it
+// again, in order and up to the newest, so outdated parts of the list do no harm.
 
 import { isObject, type Json, type JsonObject } from "./core/json";
 import { NOTIFY_FRAME } from "./frame";
 
 export interface Said {
-  /** Some lists of a frame. */
+  /** Some lists of an update. */
   readonly words: JsonObject;
   readonly at_ms: number;
 }
 
 const LASTING = ["joined", "changed", "routes", "shields", "walks", "audits", "drivers", "left"] as const;
-/** A list that takes longer is asked for again long before. */
+/** A list that takes longer is requested again earlier. */
 const KEPT_MS = 30_000;
-/** As text, which takes no more room than it is long: a thousand robots' busiest half a minute, or a peer's nonsense. */
+/** As text, whose size is known: half a minute of a thousand robots, or a peer's garbage. */
 const MOST_CHARS = 2_000_000;
 
 export class Lately {
@@ -21,7 +21,7 @@ export class Lately {
   #chars = 0;
   #cut = false;
 
-  /** A notification came. */
+  /** A notification arrived. */
   heard(payload: Json, at_ms: number): void {
     const text = lastingText(payload);
     if (text !== undefined) {
@@ -39,14 +39,14 @@ export class Lately {
     }
   }
 
-  /** Something was missed: what was said before must not be done to a list that knows more. */
+  /** Updates were missed: earlier ones must not be applied to a newer list. */
   forget(): void {
     this.#said = [];
     this.#chars = 0;
     this.#cut = false;
   }
 
-  /** Oldest first; `cut` if it was too much to keep since the last time. */
+  /** Oldest first; `cut` if some were dropped since the last call. */
   tell(): { readonly said: readonly Said[]; readonly cut: boolean } {
     const cut = this.#cut;
     this.#cut = false;

@@ -1,4 +1,4 @@
-// Missions: how far each robot is, what they have decoded, and how much is still dark (docs/spec/vocabulary.md).
+// Missions: robots' progress, decoded landmarks, and the number still encoded (docs/spec/vocabulary.md).
 
 import type { Json, JsonObject } from "./core/json";
 import { readNumber, readPointXy, readText } from "./reading";
@@ -8,22 +8,22 @@ export const PHASES = ["waiting", "seeking", "returning", "held", "done"] as con
 export type Phase = (typeof PHASES)[number];
 
 /**
- * What a robot has learnt that its odometry leaves out: of the way and of turns in thousandths, and to the left for each
- * metre in hundredths of a degree.
+ * A robot's measured odometry errors: distance and turns in thousandths, and drift to the left per metre in hundredths of
+ * a degree.
  */
 export type Drift = readonly [way: number, turn: number, curve: number];
 
-/** How far one robot is. */
+/** A robot's progress. */
 export interface Walk {
   readonly phase: Phase;
   readonly decoded: number;
   readonly of: number;
-  /** Why it fell back or stopped, or "". */
+  /** Why it went back or stopped, or "". */
   readonly why: string;
   readonly drift: Drift;
 }
 
-/** A landmark that some robot has decoded. */
+/** A landmark that a robot has decoded. */
 export interface Lit extends Point {
   readonly type: string;
 }
@@ -31,16 +31,16 @@ export interface Lit extends Point {
 /** x, y of both ends. */
 export type Wall = readonly [number, number, number, number];
 
-/** The mission that runs: how many nodes it has, and how many of them nobody has decoded. */
+/** The running mission: its number of nodes, and how many are not decoded yet. */
 export interface Progress {
   readonly id: string;
   readonly nodes: number;
   readonly left: number;
 }
 
-/** Of robots that live missions. */
+/** State of robots on missions. */
 export interface Missions {
-  /** Undefined until it was told. */
+  /** Undefined until received. */
   readonly walls: readonly Wall[] | undefined;
   /** Undefined before the first mission. */
   readonly progress: Progress | undefined;
@@ -55,11 +55,11 @@ const MOST_DRIFT = 99_999;
 const LONGEST_ID = 64;
 const LONGEST_TYPE = 24;
 
-/** In the answer to request 1; undefined where robots live no missions. */
+/** From the answer to request 1; undefined if robots have no missions. */
 export function readMissions(words: JsonObject, before: Missions | undefined): Missions | undefined {
   if (readNumber(words["walls"], 0, Number.MAX_SAFE_INTEGER) === undefined) return undefined;
   const told = readProgress(words["mission"]);
-  // Of another mission than the one whose lights are on, the next frame tells: then they go out.
+  // If it is another mission than the known one, the next update says so and the landmarks are cleared.
   const progress = before?.progress && told?.id !== before.progress.id ? before.progress : told;
   return { walls: before?.walls, lit: before?.lit ?? [], progress };
 }
@@ -83,7 +83,7 @@ export function readWalk(words: Json | undefined): Walk | undefined {
   return { phase, decoded, of, why: readText(why, LONGEST_WHY) ?? "", drift: readDrift(drift) };
 }
 
-/** `[way, turn, curve]`; what is told otherwise, or not at all, is nothing learnt. */
+/** `[way, turn, curve]`; zeros if malformed or missing. */
 export function readDrift(words: Json | undefined): Drift {
   const [way, turn, curve] = rowOf(words).map((word) => readNumber(word, -MOST_DRIFT, MOST_DRIFT));
   return [way ?? 0, turn ?? 0, curve ?? 0];
@@ -99,7 +99,7 @@ export function readWalls(words: Json): readonly Wall[] | undefined {
   });
 }
 
-/** `known` and those among `words` that are new: the answer to request 3 and frames may tell the same. */
+/** `known` and new entries of `words`: the answer to request 3 and updates can overlap. */
 export function withLit(known: readonly Lit[], words: Json | undefined): readonly Lit[] {
   if (!Array.isArray(words) || words.length === 0) return known;
   const seen = new Set(known.map(keyOf));
@@ -116,7 +116,7 @@ export function withLit(known: readonly Lit[], words: Json | undefined): readonl
   return lit.length === known.length ? known : lit;
 }
 
-/** What a frame says of the mission; `another` if it is not the one that we knew. */
+/** The mission in an update; `another` if it is a new one. */
 export function missionsInFrame(missions: Missions, frame: JsonObject): { missions: Missions; another: boolean } {
   const told = Array.isArray(frame["mission"]) ? readProgress((frame["mission"] as readonly Json[])[0]) : undefined;
   const another = told !== undefined && told.id !== missions.progress?.id;

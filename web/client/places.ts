@@ -1,4 +1,4 @@
-// Where robots are, six bytes for each, and where they go, as frames tell it (docs/spec/vocabulary.md#places).
+// Unpack robots' places, six bytes each, and routes from updates (docs/spec/vocabulary.md#places).
 
 import { decodeBase64url } from "./core/base64url";
 import type { Json } from "./core/json";
@@ -14,16 +14,16 @@ export interface Place {
   readonly direction: number;
 }
 
-/** Ten frames of ours. */
+/** Ten updates of our gateway. */
 const MOST_RECORDS = 4000;
 const MOST_PIECES = 100;
 const FARTHEST = 1e9;
-/** 64 that a server takes, and where the robot stood. */
+/** 64 that a server accepts, and the robot's place at the start. */
 export const MOST_WAYPOINTS = 65;
 
 const encoder = new TextEncoder();
 
-/** Those that `words` tell, piece by piece; nothing of a piece that is none. */
+/** The places in `words`, group by group; malformed groups are skipped. */
 export function readPlaces(words: Json | undefined): readonly Place[] {
   if (!Array.isArray(words)) return [];
   const places: Place[] = [];
@@ -34,7 +34,7 @@ export function readPlaces(words: Json | undefined): readonly Place[] {
   return places;
 }
 
-/** A route: its robot's number and its points. Undefined if `words` are none. */
+/** A route: its robot's number and its points. Undefined if malformed. */
 export function readRoute(words: Json): { readonly number: number; readonly points: readonly Point[] } | undefined {
   const packed = unpacked(words, POINT.bytes, MOST_WAYPOINTS);
   if (!packed) return undefined;

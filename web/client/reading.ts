@@ -1,6 +1,6 @@
-// What a peer's words may hold: numbers, names and points, read from words that may be anything.
+// Read numbers, names and points from untrusted values of a peer.
 //
-// Every reader returns a value that can be drawn, or undefined: never NaN, never more than a screen or memory holds.
+// Every reader returns a drawable value or undefined: never NaN, never more than fits a screen or memory.
 
 import { isObject, type Json, type JsonObject } from "./core/json";
 import type { Point } from "./trail";
@@ -21,15 +21,15 @@ export function readPoint(words: Json | undefined): Point | undefined {
   return isObject(words) ? readPointXy(words["x"], words["y"]) : undefined;
 }
 
-/** A peer's words as they can be shown; undefined if nothing of them can. */
+/** A peer's text in displayable form; undefined if nothing is left. */
 export function readText(word: unknown, longest: number): string | undefined {
   if (typeof word !== "string") return undefined;
-  // Control characters break a line; direction marks can make one name look like another robot's.
+  // Control characters break lines; direction marks can make a name look like another robot's.
   const shown = word.replace(/[\p{C}\u2028\u2029]/gu, "").trim();
   return shown === "" ? undefined : Array.from(shown).slice(0, longest).join("");
 }
 
-/** The objects among the entries of a list; none if it is no list. */
+/** The objects in a list; none if it is not a list. */
 export function objectsOf(words: Json | undefined): readonly JsonObject[] {
   return Array.isArray(words) ? (words as readonly Json[]).filter(isObject) : [];
 }

@@ -1,4 +1,4 @@
-// A robot as the vocabulary describes it (docs/spec/vocabulary.md), read from words that may be anything.
+// A robot as in the vocabulary (docs/spec/vocabulary.md), read from untrusted values.
 
 import { isObject, type Json } from "./core/json";
 import type { Walk } from "./mission";
@@ -19,7 +19,7 @@ export interface Rgb {
 
 export interface Robot {
   readonly address: string;
-  /** What frames call it. */
+  /** Its number in updates. */
   readonly number: number | undefined;
   readonly name: string;
   readonly status: number;
@@ -33,26 +33,26 @@ export interface Robot {
   readonly threshold: number;
   readonly trail: Trail;
   readonly battery_v: number | undefined;
-  /** Undefined where robots do not audit each other. */
+  /** Undefined if robots do not audit each other. */
   readonly shield: Shield | undefined;
-  /** Its last audit that we heard of. */
+  /** Its last known audit. */
   readonly audited: Audit | undefined;
-  /** Undefined where robots live no missions. */
+  /** Undefined if robots have no missions. */
   readonly walk: Walk | undefined;
-  /** Who drives it by joystick: nicknames; "" for those who say none. */
+  /** Nicknames of its joystick drivers; "" for drivers without names. */
   readonly drivers: readonly string[];
 }
 
 const ADDRESS = /^[0-9A-Za-z_-]{1,64}$/;
 const LONGEST_NAME = 32;
 const MOST_DRIVERS = 4;
-/** A nickname of a session. */
+/** Length of a nickname in sessions. */
 const LONGEST_DRIVER = 32;
 const LONGEST_ON_MAP = 12;
 export const DEFAULT_THRESHOLD = 40;
 export const UNNAMED = "Robot";
 
-/** The robot in an answer to request 0, or in `joined`. Undefined without an address. */
+/** Read a robot from an answer to request 0, or from `joined`. Undefined without an address. */
 export function readRobot(words: Json | undefined): Robot | undefined {
   const address = isObject(words) ? words["address"] : undefined;
   if (!isObject(words) || typeof address !== "string" || !ADDRESS.test(address)) return undefined;
@@ -82,7 +82,7 @@ export function readDrivers(words: Json | undefined): readonly string[] | undefi
 }
 
 export function readDirection(word: unknown): number | undefined {
-  // PyDotBot 0.30 says -1000 for "unknown".
+  // PyDotBot 0.30 sends -1000 for "unknown".
   const degrees = readNumber(word, -360, 720);
   return degrees === undefined ? undefined : ((degrees % 360) + 360) % 360;
 }
@@ -129,22 +129,22 @@ function readPoints(words: Json | undefined, most: number): readonly Point[] | u
   return points;
 }
 
-/** What tells two robots of one name apart. */
+/** Distinguishes two robots of the same name. */
 export function shortAddress(address: string): string {
   return address.slice(-4);
 }
 
-/** As in the list of robots: also what a screen reader says. */
+/** As in the list of robots, also for screen readers. */
 export function label(robot: { readonly name: string; readonly address: string }): string {
   return `${robot.name} (${shortAddress(robot.address)})`;
 }
 
-/** For the map: older servers know no names, and a map full of "Robot" names nobody. */
+/** For the map: older servers send no names, and "Robot" everywhere would not help. */
 export function shortName(robot: { readonly name: string; readonly address: string }): string {
   return robot.name === UNNAMED ? shortAddress(robot.address) : robot.name;
 }
 
-/** For the map: a robot, and who drives it. */
+/** For the map: a robot, and its drivers. */
 export function nameWithDriver(robot: Pick<Robot, "name" | "address" | "drivers">): string {
   const [driver = ""] = robot.drivers;
   const letters = Array.from(driver);
@@ -152,7 +152,7 @@ export function nameWithDriver(robot: Pick<Robot, "name" | "address" | "drivers"
   return who === "" ? shortName(robot) : `${shortName(robot)} · ${who}`;
 }
 
-/** What a gateway says in lower case, as in its log, as a page says it. */
+/** Turn a gateway's lower-case text, as in its log, into a sentence. */
 export function sentence(text: string): string {
   return text.charAt(0).toUpperCase() + text.slice(1);
 }

@@ -1,18 +1,18 @@
-// Shields: which neighbours vouch for a robot and for how long, and how audits end (docs/spec/vocabulary.md).
+// Shields: which neighbours vouch for a robot and for how long, and results of audits (docs/spec/vocabulary.md).
 
 import { isObject, type Json } from "./core/json";
 import { readNumber, readText } from "./reading";
 
-/** What keeps a robot alive: so many tokens of different neighbours, each of which counts for so long. */
+/** What a robot needs to run: number of tokens from different neighbours, and their validity. */
 export interface ShieldTerms {
   readonly needed: number;
   readonly full_ms: number;
 }
 
 export interface Voucher {
-  /** The auditor, as frames call it. */
+  /** The auditor's number in updates. */
   readonly auditor: number;
-  /** Until when its token counts, on the clock of whoever read it. */
+  /** When its token expires, by the reader's clock. */
   readonly until_ms: number;
 }
 
@@ -22,7 +22,7 @@ export interface Shield {
   readonly vouchers: readonly Voucher[];
 }
 
-/** How an audit ended; refusal is "" where a token was issued. */
+/** Result of an audit; refusal is "" if a token was issued. */
 export interface Audit {
   readonly auditor: string;
   readonly auditee: string;
@@ -30,7 +30,7 @@ export interface Audit {
   readonly at_ms: number;
 }
 
-/** Less than this until the robot is stopped is worth a warning: by then its neighbours should have vouched anew. */
+/** Less than this until the robot is stopped is shown as a warning: by then neighbours should have vouched anew. */
 export const LOW_MS = 3000;
 
 const MOST_NEEDED = 16;
@@ -39,7 +39,7 @@ const LONGEST_MS = 3_600_000;
 const DECISECOND_MS = 100;
 const LONGEST_REFUSAL = 48;
 
-/** In the answer to request 1; undefined where robots do not audit each other. */
+/** From the answer to request 1; undefined if robots do not audit each other. */
 export function readTerms(words: Json): ShieldTerms | undefined {
   if (!isObject(words)) return undefined;
   const needed = readNumber(words["tokens_needed"], 1, MOST_NEEDED);
@@ -47,7 +47,7 @@ export function readTerms(words: Json): ShieldTerms | undefined {
   return needed === undefined || full_ms === undefined ? undefined : { needed: Math.floor(needed), full_ms };
 }
 
-/** `[safe, [[auditor, deciseconds], …]]`, heard at `at_ms`. */
+/** `[safe, [[auditor, deciseconds], …]]`, received at `at_ms`. */
 export function readShield(words: Json | undefined, at_ms: number): Shield | undefined {
   if (!Array.isArray(words)) return undefined;
   const [safe, rows] = words as readonly Json[];
@@ -63,14 +63,14 @@ export function readShield(words: Json | undefined, at_ms: number): Shield | und
   return { safeMode: safe === 1, vouchers };
 }
 
-/** `[auditor, auditee, refusal]`; undefined if it names robots that we do not know. */
+/** `[auditor, auditee, refusal]`; undefined if it names unknown robots. */
 export function readAudit(words: Json, numbers: ReadonlyMap<number, string>, at_ms: number): Audit | undefined {
   const [auditor, auditee, refusal] = Array.isArray(words) ? (words as readonly Json[]) : [];
   const to = typeof auditee === "number" ? numbers.get(auditee) : undefined;
   return to === undefined ? undefined : readVerdict([auditor ?? null, refusal ?? null], to, numbers, at_ms);
 }
 
-/** `[auditor, refusal]`: how the last audit of `auditee` ended; undefined for none, or by a robot that we do not know. */
+/** `[auditor, refusal]`: the last audit of `auditee`; undefined for none, or for an unknown auditor. */
 export function readVerdict(
   words: Json | undefined,
   auditee: string,
@@ -80,12 +80,12 @@ export function readVerdict(
   const [auditor, refusal] = Array.isArray(words) ? (words as readonly Json[]) : [];
   const from = typeof auditor === "number" ? numbers.get(auditor) : undefined;
   if (from === undefined || typeof refusal !== "string") return undefined;
-  // An audit that was refused for reasons we cannot read was refused nevertheless.
+  // An audit refused for an unreadable reason still counts as refused.
   const reason = refusal === "" ? "" : (readText(refusal, LONGEST_REFUSAL) ?? "refused");
   return { auditor: from, auditee, refusal: reason, at_ms };
 }
 
-/** The tokens that count at `now_ms`, at most as many as are needed: those that count longest. */
+/** The tokens valid at `now_ms`, at most as many as needed: those valid longest. */
 export function counting({ vouchers }: Shield, { needed }: ShieldTerms, now_ms: number): readonly Voucher[] {
   return vouchers.filter(({ until_ms }) => until_ms > now_ms).slice(0, needed);
 }

@@ -1,7 +1,7 @@
-// The swarm as a visitor sees it: a pure reducer of answers and notifications (docs/spec/vocabulary.md).
+// The swarm's state at a visitor: a pure reducer of answers and notifications (docs/spec/vocabulary.md).
 //
-// It reads our gateway's frames, and survives anything else: a hostile peer can make it show nonsense within bounds, never
-// throw, and never grow without end.
+// It reads our gateway's updates and tolerates anything else: a hostile peer can make it show nonsense within bounds, but
+// never throw or grow without end.
 
 import { isObject, type Json, type JsonObject } from "./core/json";
 import { type Missions, missionsInFrame, readMissions, readWalk, readWalls, withLit } from "./mission";
@@ -20,16 +20,16 @@ export const REQUEST_WALLS = 2;
 export const REQUEST_LIT = 3;
 
 const LARGEST_AREA_MM = 1e7;
-/** What a server takes that says nothing else. */
+/** Limit of a server that does not send one. */
 const MOST_WAYPOINTS = 64;
-// A trail point for every step of this fraction of the area's width: 10 mm of 2 m.
+// A trail point per this fraction of the area's width: 10 mm of 2 m.
 const TRAIL_STEP = 0.005;
-/** Audits are kept for as long as a map may want to show them. */
+/** Time for which a map may show audits. */
 const AUDITS_FOR_MS = 3000;
 const MOST_AUDITS = 256;
 const LONGEST_NOTE = 160;
 
-/** The ground under the swarm, in millimetres. */
+/** The swarm's area, in millimetres. */
 export interface Area {
   readonly width: number;
   readonly height: number;
@@ -39,34 +39,34 @@ const DEFAULT_AREA: Area = { width: 2000, height: 2000 };
 
 export interface Swarm {
   readonly robots: ReadonlyMap<string, Robot>;
-  /** Changes only when a robot comes, goes, or changes its name or status: lists need not be drawn at every frame. */
+  /** Changes only when a robot joins, leaves, or changes its name or status, so lists are not redrawn with every update. */
   readonly roster: readonly RosterEntry[];
-  /** Addresses by the numbers that frames use. */
+  /** Addresses by number in updates. */
   readonly numbers: ReadonlyMap<number, string>;
   readonly area: Area;
-  /** How many points a route may have. */
+  /** Largest number of points in a route. */
   readonly mostWaypoints: number;
-  /** Whether the server answered request 1; until then the area is a guess. */
+  /** Whether request 1 was answered; until then the area is a guess. */
   readonly areaTold: boolean;
-  /** Whether request 0 was ever answered: before that, robots that a frame names are no surprise. */
+  /** Whether request 0 was ever answered: before that, unknown robots in updates are expected. */
   readonly listed: boolean;
-  /** The newest frame's number. */
+  /** The newest update's number. */
   readonly seq: number | undefined;
-  /** Counts the occasions on which something was missed, so that request 0 has to be asked again. */
+  /** Counts missed updates: when it changes, request 0 has to be repeated. */
   readonly missed: number;
-  /** Undefined where robots do not audit each other. */
+  /** Undefined if robots do not audit each other. */
   readonly terms: ShieldTerms | undefined;
-  /** Why they do not, where people expect that they do; else "". */
+  /** Why they do not, if visitors may expect it; otherwise "". */
   readonly unprotected: string;
-  /** Those that ended lately, oldest first. */
+  /** Recent audits, oldest first. */
   readonly audits: readonly Audit[];
   /** The operator has stopped all robots. */
   readonly held: boolean;
-  /** Undefined where robots live no missions. */
+  /** Undefined if robots have no missions. */
   readonly missions: Missions | undefined;
-  /** Undefined where robots have no work of their own. */
+  /** Undefined if robots have no task of their own. */
   readonly work: Work | undefined;
-  /** When the newest answer or frame came. */
+  /** When the newest answer or update arrived. */
   readonly at_ms: number;
 }
 
@@ -96,7 +96,7 @@ export const NO_SWARM: Swarm = {
 };
 
 export type SwarmAction =
-  /** `said`: what frames said lately; some of it is newer than the answer. */
+  /** `said`: recent updates, some of them newer than the answer. */
   | {
       readonly kind: "replied";
       readonly request: number;
@@ -105,12 +105,12 @@ export type SwarmAction =
       readonly said?: readonly Said[];
     }
   | { readonly kind: "notified"; readonly payload: Json; readonly at_ms: number }
-  /** Connected again: frames were missed, but request 0 is being asked anyway. */
+  /** Reconnected: updates were missed, but request 0 is being sent anyway. */
   | { readonly kind: "reconnected" }
-  /** We asked a robot to forget its trail: that is not waited for. */
+  /** We asked a robot to clear its trail: the map does not wait for the confirmation. */
   | { readonly kind: "history_cleared"; readonly address: string };
 
-/** Moments (`at_ms`) are the caller's, on any clock that only goes on. */
+/** Times (`at_ms`) are the caller's, on any monotonic clock. */
 export function swarmReducer(swarm: Swarm, action: SwarmAction): Swarm {
   switch (action.kind) {
     case "replied":
@@ -146,8 +146,8 @@ function withRobots(swarm: Swarm, data: Json, at_ms: number): Swarm {
     listed.push({ ...robot, shield, walk, audited: swarm.robots.get(robot.address)?.audited });
     verdicts.push(words["audited"]);
   }
-  // An answer above the client's limit comes without histories: what was seen meanwhile is better than nothing.
-  // Ours tells the newest points only.
+  // An answer above the client's limit has no histories: the trail seen meanwhile is kept.
+  // Our gateway sends only the newest points.
   const trimmed = listed.length > 1 && listed.every((robot) => robot.trail.length === 0);
   const robots = new Map<string, Robot>();
   for (const robot of listed) {
@@ -163,7 +163,7 @@ function withRobots(swarm: Swarm, data: Json, at_ms: number): Swarm {
   return settled({ ...swarm, robots, numbers, listed: true, at_ms });
 }
 
-/** A list, and what is newer than it. */
+/** A list, with newer updates applied. */
 function withSaid(swarm: Swarm, said: readonly Said[]): Swarm {
   if (said.length === 0) return swarm;
   let { numbers } = swarm;
@@ -215,7 +215,7 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
     for (const address of list(frame["left"])) if (typeof address === "string") robots.delete(address);
   });
   const told = swarm.missions && missionsInFrame(swarm.missions, frame);
-  // Whatever was decoded before this frame, we were not told.
+  // Landmarks decoded before this update were missed.
   if (told?.another === true) missed = true;
   const recent = swarm.audits.filter((audit) => at_ms - audit.at_ms < AUDITS_FOR_MS);
   const audits = [...recent, ...ended].slice(-MOST_AUDITS);
@@ -224,7 +224,7 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   return { ...next, numbers, seq, audits, held, work, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
 }
 
-/** Who drives this robot, but for `me`. */
+/** Drivers of this robot except `me`. */
 export function driversOf(swarm: Swarm, address: string | undefined, me: string): readonly string[] {
   const names = address === undefined ? undefined : swarm.robots.get(address)?.drivers;
   return names?.filter((name) => name !== me) ?? [];
@@ -242,7 +242,7 @@ function edited(swarm: Swarm, edit: (robots: Map<string, Robot>) => void): Swarm
   return settled({ ...swarm, robots });
 }
 
-/** With the roster brought up to date. */
+/** With the roster updated. */
 function settled(swarm: Swarm): Swarm {
   const { robots, roster } = swarm;
   const same =
@@ -260,7 +260,7 @@ function settled(swarm: Swarm): Swarm {
 }
 
 function byName(a: RosterEntry, b: RosterEntry): number {
-  // Numbers within names in their order: robot 2 before robot 10. Addresses make it total.
+  // Numbers within names in numeric order: robot 2 before robot 10. Addresses make the order total.
   return collator.compare(a.name, b.name) || (a.address < b.address ? -1 : 1);
 }
 

@@ -1,9 +1,9 @@
-// A robot's trail: where it was, oldest first.
+// A robot's trail: its places, oldest first.
 //
-// Two hundred robots grow one point each, ten times a second, and a reducer must not change the state it was given.
-// So trails that follow one another share one buffer, of which each sees its own stretch: appending copies nothing.
+// Two hundred robots add a point each, ten times a second, and a reducer must not modify its state. So successive trails
+// share one buffer, of which each sees its own range: appending copies nothing.
 
-/** Most points that a trail holds. */
+/** Longest trail. */
 export const TRAIL_POINTS = 1000;
 
 export interface Point {
@@ -45,10 +45,10 @@ export class Trail {
     return this.#flat[2 * (this.#from + i) + 1] ?? 0;
   }
 
-  /** This trail and one more point; without its oldest one, if it is full. */
+  /** This trail plus one point; without its oldest one if it is full. */
   append({ x, y }: Point): Trail {
     const from = Math.max(this.#from, this.#to + 1 - TRAIL_POINTS);
-    // Copied when another trail has already grown from this one, and once every thousand points to drop what nobody sees.
+    // Copied if another trail has already been appended to this one, and once every thousand points to drop old ones.
     const shared = 2 * this.#to === this.#flat.length && from < TRAIL_POINTS;
     const flat = shared ? this.#flat : this.#flat.slice(2 * from, 2 * this.#to);
     flat.push(x, y);

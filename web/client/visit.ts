@@ -1,25 +1,25 @@
-// What a visitor knows of its own session: whether it is admitted, as what, with which robot, and why not.
+// The state of a visitor's own session: admission, role, robot, and refusals.
 
 import type { EndReason, Reason, Standing } from "./session";
 
 /**
- * joining: on the way, also after a lost connection; here: admitted; over: nothing is tried any more until somebody
- * decides to.
+ * joining: connecting, also after a lost connection; here: admitted; over: no more attempts until the visitor decides
+ * to retry.
  */
 export type Stage = "joining" | "here" | "over";
 
-/** The server's reasons; code: no secret that we have is valid; too_many: tries of room codes, or connections. */
+/** The server's reasons; code: no known secret is valid; too_many: attempts with room codes, or connections. */
 export type OverReason = Extract<EndReason, "removed" | "replaced" | "new_code" | "full"> | "code" | "too_many";
 
 export interface Visit {
   readonly stage: Stage;
   readonly over: OverReason | undefined;
-  /** Nickname in use; no two visitors have the same. */
+  /** Nickname in use, unique among visitors. */
   readonly name: string;
   readonly standing: Standing | undefined;
-  /** When the standing came: its `left_ms` counts from then. */
+  /** When the standing arrived: its `left_ms` counts from then. */
   readonly standingAt_ms: number;
-  /** The newest command that was refused. */
+  /** The newest refused command. */
   readonly refused: { readonly reason: Reason; readonly at_ms: number } | undefined;
 }
 

@@ -1,39 +1,39 @@
-// Watching over a swarm that may fall silent: when to ask request 0 again, and what to tell the visitor.
+// Watch over a swarm that may fall silent: when to repeat request 0, and what to show the visitor.
 //
-// Pure: told what happened and when, it says what is due.
+// Pure: it receives events with their times, and returns due actions.
 
 /**
- * connecting: not yet heard of; offline: lost, and being tried again; refused: it wants a login, or another one. Of a
- * session also: no_answer: the server said nothing; waiting: for the operator's approval; over: tried no longer.
+ * connecting: not connected yet; offline: lost, reconnecting; refused: a login is needed, or another one. In sessions also:
+ * no_answer: the server did not answer; waiting: for the operator's approval; over: no more attempts.
  */
 export type BrokerState = "connecting" | "online" | "offline" | "refused" | "no_answer" | "waiting" | "over";
 
 /**
- * No frame for so long: what is shown is old, and what is said may be lost. A gateway sends one every 300 ms at least, and
- * its visitors shall know within a second that it does not.
+ * No update for this time: the shown state is old, and commands may be lost. A gateway sends one every 300 ms at least, and
+ * visitors should notice within a second.
  */
 const LATE_MS = 800;
-/** A device that says that it has no network is believed sooner; but not at once, for a broker may be on itself. */
+/** Shorter if the device reports no network, but not immediate: a broker can run on the device itself. */
 const LATE_WITHOUT_NETWORK_MS = 400;
-/** Nothing heard for so long: ask again. */
+/** After this silence, ask again. */
 const SILENCE_MS = 5000;
 const ASK_AGAIN_MS = 3000;
-// A swarm must have had the time to answer before it is called silent.
+// A swarm needs time to answer before it is called silent.
 const GRACE_MS = 1500;
 const RESYNC_MS = 60_000;
 /**
- * Numbered frames show what is missing; and lists of a thousand robots for two hundred visitors, once a minute, would be
- * half of a gateway's work.
+ * Numbered updates reveal gaps; lists of a thousand robots for two hundred visitors, once a minute, would be half of a
+ * gateway's work.
  */
 const RESYNC_BESIDE_FRAMES_MS = 600_000;
 const RESYNC_JITTER = 1 / 6;
-/** After a gap everybody asks: not all at once. */
+/** After a gap every visitor asks: at random times. */
 const GAP_JITTER_MS = 500;
-/** A broker that comes back finds everybody waiting; the frames go on meanwhile. */
+/** When a broker returns, all visitors reconnect at once; updates continue meanwhile. */
 const RECONNECT_JITTER_MS = 2000;
 /**
- * A peer that makes every frame look like a gap must not make us ask at every frame. Nor must a gateway that is too busy to
- * send every frame get busier by everybody's questions: each that follows another soon doubles the time to the next.
+ * A peer whose updates all look like gaps must not cause a request each time. Nor may requests add to the load of a busy
+ * gateway: each one soon after another doubles the time to the next.
  */
 const ASK_GAP_MS = 1000;
 const ASK_GAP_MOST_MS = 16_000;
@@ -47,12 +47,12 @@ export type Health =
   | { readonly state: "offline"; readonly why: "network" | "broker" | "login" | "answer" }
   /** For the operator's approval. */
   | { readonly state: "waiting" }
-  /** The session has ended for good. */
+  /** The session has ended permanently. */
   | { readonly state: "over" }
-  /** Frames have stopped coming, but not for long. */
+  /** Updates are late, but not for long. */
   | { readonly state: "late" }
   | { readonly state: "silent" }
-  /** Heard, but no question was ever answered: a broker may keep what we say, or what we are told, to itself. */
+  /** Updates arrive, but no request was ever answered: a broker may drop requests or answers. */
   | { readonly state: "unanswered" }
   | { readonly state: "live" };
 
@@ -78,7 +78,7 @@ export class Watch {
     this.#broker = state;
     this.#brokerSince_ms = now_ms;
     this.#heardAt_ms = undefined;
-    // A question of before died with its connection: what is planned here takes its place.
+    // A pending request died with its connection: this plan replaces it.
     this.#answered = true;
     this.#openSince_ms = Number.POSITIVE_INFINITY;
     this.#framed = false;
@@ -86,32 +86,32 @@ export class Watch {
     this.#askAt_ms = state === "online" ? now_ms + (again ? chance * RECONNECT_JITTER_MS : 0) : Number.POSITIVE_INFINITY;
   }
 
-  /** An authentic, fresh message came. */
+  /** An authentic, fresh message arrived. */
   heard(now_ms: number): void {
     this.#heardAt_ms = now_ms;
   }
 
-  /** A numbered frame came: whatever is missed from now on will show. */
+  /** A numbered update arrived: gaps will show from now on. */
   framed(): void {
     this.#framed = true;
   }
 
-  /** Request 0 was answered: no question is open. */
+  /** Request 0 was answered: no request is open. */
   answered(): void {
     this.#answered = true;
     this.#everAnswered = true;
   }
 
-  /** Something was missed. `chance` is in [0, 1). */
+  /** Updates were missed. `chance` is in [0, 1). */
   missed(now_ms: number, chance: number): void {
     this.#askAt_ms = Math.min(this.#askAt_ms, now_ms + chance * Math.max(GAP_JITTER_MS, this.#askGap_ms / 2));
   }
 
-  /** Whether to ask request 0 now; then it counts as asked. `chance` is in [0, 1). */
+  /** Whether to send request 0 now; then it counts as sent. `chance` is in [0, 1). */
   due(now_ms: number, chance: number): boolean {
     if (this.#broker !== "online") return false;
     const quietSince_ms = this.#heardAt_ms ?? this.#brokerSince_ms;
-    // Frames alone do not tell who is there: a question that was lost is asked again, too.
+    // Updates alone do not list all robots: a lost request is repeated, too.
     const silent = now_ms - quietSince_ms >= SILENCE_MS;
     const since_ms = now_ms - this.#askedAt_ms;
     const again = silent ? since_ms >= ASK_AGAIN_MS : !this.#answered && since_ms >= Math.max(ASK_AGAIN_MS, this.#askGap_ms);
@@ -125,7 +125,7 @@ export class Watch {
     return true;
   }
 
-  /** `network`: whether the device says that it has any. */
+  /** `network`: whether the device reports a network. */
   health(now_ms: number, network = true): Health {
     if (this.#broker === "over") return { state: "over" };
     const quiet_ms = now_ms - (this.#heardAt_ms ?? this.#brokerSince_ms);

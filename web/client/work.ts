@@ -1,4 +1,4 @@
-// A swarm's own work: what has come of it lately, and where the things are that it is about.
+// A swarm's task: its recent score, and the places of its objects.
 
 import type { Json, JsonObject } from "./core/json";
 import { list } from "./frame";
@@ -12,15 +12,15 @@ const MOST_THINGS = 32;
 
 export interface Work {
   readonly name: string;
-  /** None while there was nothing to count. */
+  /** Undefined while there was nothing to count. */
   readonly score: number | undefined;
-  /** What the score counts, and its unit. */
+  /** The unit of the score, and what it counts. */
   readonly counts: string;
   readonly lately_s: number;
   readonly things: readonly Point[];
 }
 
-/** `work` and `things` of a frame, beside what is known. */
+/** `work` and `things` of an update, merged into the known state. */
 export function workInFrame(known: Work | undefined, frame: JsonObject): Work | undefined {
   const work = readWork(list(frame["work"]).at(-1), known?.things ?? []) ?? known;
   const things = list(frame["things"]).at(-1);

@@ -1,5 +1,5 @@
-// The building in which robots live a mission: its walls, and the landmarks that were decoded. What is still encoded is
-// dark: this page has not been told where it is.
+// The building of a mission: its walls, and the decoded landmarks. Landmarks that are still encoded are not shown, as this
+// page does not know their places.
 
 import type { Missions, Wall } from "../client";
 import { circle } from "./circle";
@@ -9,11 +9,11 @@ import type { Theme } from "./theme";
 const TURN = 2 * Math.PI;
 const LAMP_PX = 5;
 const GLOW_PX = 13;
-/** Where there will be so many lamps, or there are so many walls, they are drawn smaller. */
+/** With more lamps or walls than this, they are drawn smaller. */
 const MANY_LAMPS = 60;
 const MANY_WALLS = 200;
 
-/** The walls' path is the same until the map's size changes: with thousands of them, to build it takes longer than a frame. */
+/** The walls' path, cached until the map's size changes: building it for thousands of walls takes longer than a frame. */
 let known: { readonly walls: readonly Wall[]; readonly p: Projection; readonly path: Path2D } | undefined;
 
 export function drawWalls(ctx: CanvasRenderingContext2D, p: Projection, theme: Theme, walls: readonly Wall[]): void {

@@ -1,4 +1,4 @@
-// A whole circle as the canvas's path, to be filled or drawn.
+// Add a full circle to the canvas's path.
 
 const TURN = 2 * Math.PI;
 

@@ -1,11 +1,11 @@
-// Fingers on the map: one taps, or moves a map that is larger than its frame; two make it larger and smaller.
+// Touch gestures on the map: one finger taps, or moves an enlarged map; two fingers zoom.
 
 import type { Point } from "../client";
 
-/** A finger that moved further was no tap. */
+/** A finger that moved further did not tap. */
 const TAP_SLIP_PX = 12;
 
-/** What fingers do to the map: this much larger around a place, which moves as far. In pixels. */
+/** A change of the map: zoom by a factor around a place, and move. In pixels. */
 export interface Pinch {
   readonly factor: number;
   readonly around: Point;
@@ -17,7 +17,7 @@ export class Gesture {
   #began: Point | undefined;
 
   down(id: number, at: Point): void {
-    // Whatever begins with a second finger is no tap.
+    // A gesture with a second finger is not a tap.
     this.#began = this.#fingers.size === 0 ? at : undefined;
     this.#fingers.set(id, at);
   }
@@ -38,7 +38,7 @@ export class Gesture {
     };
   }
 
-  /** Where was tapped, if it was a tap. */
+  /** Return the place of a tap, if it was one. */
   up(id: number): Point | undefined {
     const tapped = this.#fingers.delete(id) && this.#fingers.size === 0 ? this.#began : undefined;
     this.#began = undefined;

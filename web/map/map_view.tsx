@@ -1,4 +1,4 @@
-// The live map: tap a robot to choose it; in route mode, tap a place to go there. Two fingers, buttons or keys zoom.
+// The live map: tap a robot to choose it; in route mode, tap a place to add it. Two fingers, buttons or keys zoom.
 
 import { type KeyboardEvent, type PointerEvent, useEffect, useRef, useState } from "react";
 import { type Point, type SwarmSource, useSwarm } from "../client";
@@ -18,14 +18,14 @@ interface Props {
   readonly onWaypoint?: (point: Point) => void;
   /** Whether robots show their marks. */
   readonly marked?: boolean;
-  /** Whether the map goes to the chosen robot where there are many, and has a button for it. */
+  /** Whether a crowded map moves to the chosen robot, and has a button for it. */
   readonly finds?: boolean;
-  /** What is said aloud, and shown for a while. */
+  /** An announcement, read out and shown for a while. */
   readonly news?: string;
 }
 
 const TAP_REACH_PX = 28;
-/** From so many robots on one is hard to find. */
+/** With this many robots, one is hard to find. */
 const CROWD = 13;
 const STEP = 1.6;
 const PAN_PX = 60;
@@ -46,7 +46,7 @@ export function MapView({
 }: Props) {
   const area = useSwarm(link, ({ swarm }) => swarm.area);
   const count = useSwarm(link, ({ swarm }) => swarm.roster.length);
-  // A string: it renders again only when the words change, not at every frame.
+  // A string: it re-renders only when the text changes, not with every update.
   const work = useSwarm(link, ({ swarm }) => (swarm.work ? workWords(swarm.work) : ""));
   const isLive = useSwarm(link, ({ health }) => health.state === "live");
   const [cursor, setCursor] = useState<Point>();
@@ -66,7 +66,7 @@ export function MapView({
     return () => painting.stop();
   }, []);
 
-  // The swarm goes to the canvas past React: ten frames a second need no reconciling.
+  // The canvas is updated without React, ten times a second.
   useEffect(() => {
     if (!link) return;
     const show = () =>
@@ -84,13 +84,13 @@ export function MapView({
   }, [link, selected, draft, threshold, cursor, routing, marked, isZoomed, isFindable]);
 
   useEffect(() => {
-    // Whoever chose it on the map sees it already.
+    // A robot chosen on the map is already in sight.
     if (isFindable && selected !== undefined && selected !== tapped.current) setZoomed(painter.current?.find(selected) ?? false);
   }, [isFindable, selected]);
 
   useEffect(() => {
     const { current: element } = frame;
-    // A trackpad's pinch is a wheel with Control; React's own listener could not keep the page from growing with it.
+    // A trackpad's pinch is a wheel event with Control; React's own listener could not prevent zooming the page.
     const onWheel = (event: WheelEvent) => {
       if (!event.ctrlKey && !event.metaKey) return;
       event.preventDefault();
@@ -112,7 +112,7 @@ export function MapView({
 
   function step(factor: number, by: Point = STILL) {
     const middle = painter.current?.middle ?? STILL;
-    // What somebody drives comes into the middle, and does not slip out of the picture.
+    // The driven robot is moved to the middle and kept in sight.
     const chosen = factor === 1 || selected === undefined ? undefined : painter.current?.places.get(selected);
     pinch(chosen ? { factor, around: chosen, by: { x: middle.x - chosen.x, y: middle.y - chosen.y } } : { factor, around: middle, by });
   }
@@ -166,7 +166,7 @@ export function MapView({
 
   const help = routing ? texts.helpToRoute : onSelect ? texts.helpToChoose : texts.helpToZoom;
   const shape = { aspectRatio: String(Math.min(Math.max(area.width / area.height, 0.7), 2)) };
-  const invites = routing && draft.length === 0; // what it covers may be tapped too
+  const invites = routing && draft.length === 0; // the hint does not block taps
   const hint = invites ? texts.tapWhereToGo : !routing && isLive && count === 0 ? texts.noRobotsYet : "";
   return (
     <div className="map" ref={frame} data-routing={routing} data-zoomed={isZoomed} style={shape}>

@@ -1,8 +1,8 @@
-// What tells robots apart: a colour and a pattern for each, which its light does not change. The first twelve differ in both.
+// Marks that distinguish robots: a colour and a pattern each, independent of the light. The first twelve differ in both.
 
 export interface Mark {
   readonly colour: string;
-  /** On the colour, so that both can be told apart. */
+  /** Colour of the pattern on the disc. */
   readonly ink: string;
   /** An SVG path within a circle of radius 1, filled by the even-odd rule; "" for a plain disc. */
   readonly pattern: string;
@@ -11,7 +11,7 @@ export interface Mark {
 const DARK = "#10181d";
 const LIGHT = "#ffffff";
 
-/** Each with the ink that contrasts with it. */
+/** Each colour with a contrasting ink. */
 const COLOURS: readonly (readonly [colour: string, ink: string])[] = [
   ["#e63946", LIGHT],
   ["#f48c06", DARK],
@@ -42,10 +42,10 @@ const PATTERNS: readonly string[] = [
   disc(0, -0.46, 0.27) + disc(-0.43, 0.34, 0.27) + disc(0.43, 0.34, 0.27), // three dots
 ];
 
-/** How many robots have a mark that no other has. */
+/** Number of robots with unique marks. */
 export const MARKED = COLOURS.length * PATTERNS.length;
 
-/** The mark of a robot, by the number that state updates give it: the same on every page. */
+/** The mark of a robot, by its number in updates: the same on every page. */
 export function markOf(number: number): Mark {
   const round = Math.floor(number / COLOURS.length);
   const [colour, ink] = COLOURS[number % COLOURS.length] ?? [LIGHT, DARK];

@@ -1,4 +1,4 @@
-// Between two frames a robot glides: positions come ten times a second, and screens are drawn sixty times.
+// Interpolate robots' places between updates: places arrive ten times a second, screens are drawn sixty times.
 
 import type { Point } from "../client";
 
@@ -9,16 +9,16 @@ interface Glide {
   toY: number;
 }
 
-/** Time in which a robot makes two thirds of the way to where it is said to be. */
+/** Time in which a robot covers two thirds of the distance to its reported place. */
 const EASE_MS = 70;
 const ARRIVED_PX = 0.25;
-/** Further than this is not driving: it was carried, or the map was turned. */
+/** A longer step is a jump: the robot was carried, or the map was rotated. */
 const JUMP_PX = 60;
 
 export class Motion {
   readonly #glides = new Map<string, Glide>();
 
-  /** Where robots are on the screen. Those not named are gone. */
+  /** Set robots' places on the screen. Robots that are missing are removed. */
   aim(places: ReadonlyMap<string, Point>, still: boolean): void {
     for (const address of this.#glides.keys()) if (!places.has(address)) this.#glides.delete(address);
     for (const [address, { x, y }] of places) {
@@ -32,7 +32,7 @@ export class Motion {
     }
   }
 
-  /** Go on for `dt_ms`; false once everybody has arrived. */
+  /** Advance by `dt_ms`; false once all have arrived. */
   advance(dt_ms: number): boolean {
     const share = 1 - Math.exp(-dt_ms / EASE_MS);
     let moving = false;

@@ -1,19 +1,19 @@
-// Names on the map: as many as there is room for. None lies on another, or on a robot.
+// Names on the map: as many as fit without overlapping each other or a robot.
 
 import { nameWithDriver, type Point, type Robot } from "../client";
 import type { Projection } from "./projection";
 import type { Theme } from "./theme";
 
-/** Of letters, in pixels: on a large map they are read from afar. */
+/** Font size in pixels: large maps are read from a distance. */
 const LEAST_SIZE = 12;
 const MOST_SIZE = 18;
 const LINES = 45;
-/** On each side, or two names would read as one. */
+/** Gap on each side, so that two names do not look like one. */
 const APART = 3;
-/** Of more robots than this in sight, there is room for no name. */
+/** With more robots in sight, names do not fit. */
 const MOST_IN_SIGHT = 250;
 const MOST_WIDTHS = 4000;
-/** A button in the lower right corner, as map.css has it. */
+/** Size of a button in the lower right corner, as in map.css. */
 const BUTTON = 44;
 
 interface Box {
@@ -26,10 +26,10 @@ interface Box {
 const widths = new Map<string, number>();
 
 export class Names {
-  /** Named last time: who has a name keeps it while it can, or names would come and go as robots pass. */
+  /** Robots named last time: they keep their names if possible, so that names do not flicker as robots pass. */
   #named: ReadonlySet<string> = new Set();
 
-  /** `rim`: how far from its place a robot and what is drawn around it reach; `selected` is named whatever it covers. */
+  /** `rim`: radius of a robot with its rings; `selected` is always named. */
   draw(
     ctx: CanvasRenderingContext2D,
     p: Projection,
@@ -67,7 +67,7 @@ export class Names {
       const half = widthOf(ctx, name) / 2 + APART;
       const reach = chosen ? rim + 6 : rim;
       const x = Math.min(Math.max(at.x, half + 2), room.width - half - 2);
-      // Below the robot, or above it where below is no room or no map.
+      // Below the robot, or above it if there is no space below.
       const boxes = [at.y + reach + 2, at.y - reach - 2 - line]
         .filter((top) => top >= 0 && top + line <= bottom)
         .map((top) => ({ left: x - half, top, right: x + half, bottom: top + line }));

@@ -1,4 +1,4 @@
-// Draws the scene when something changed, and while something glides; otherwise it leaves the phone's battery alone.
+// Draws the scene when something changed or moves; otherwise idle, to save the phone's battery.
 
 import type { Point } from "../client";
 import { Motion } from "./motion";
@@ -9,14 +9,14 @@ import { drawGround, drawRobots, rimOf, type Scene, shownRobots } from "./scene"
 import { areFlashing } from "./shields";
 import { readTheme, type Theme } from "./theme";
 
-/** More pixels than this per CSS pixel cost a phone more than anybody sees. */
+/** More pixels per CSS pixel cost time, but are hardly visible. */
 const MOST_DENSE = 2;
 const MANY = 200;
-/** So many times as large as the whole a robot is shown that was looked for. */
+/** Zoom factor to show a robot that was searched. */
 const FOUND_TIMES = 3;
-/** What of the map's width and height is its edge. */
+/** Share of the map's width and height that counts as its edge. */
 const EDGE_PART = 0.2;
-/** Tokens drain slowly: an arc gets shorter by two pixels a second. */
+/** Arcs of tokens get shorter by two pixels a second. */
 const DRAIN_EVERY_MS = 100;
 const DRAIN_EVERY_MS_STILL = 1000;
 
@@ -36,7 +36,7 @@ export class Painter {
   #theme: Theme | undefined;
   #projection: Projection | undefined;
   #zoom: Zoom | undefined;
-  /** A robot that is kept in sight. */
+  /** The robot that is kept in sight. */
   #followed: string | undefined;
   #width = 0;
   #height = 0;
@@ -70,7 +70,7 @@ export class Painter {
     return this.#projection;
   }
 
-  /** Follow fingers, a part of a gesture at a time; without one, show the whole area. True if it is not the whole then. */
+  /** Apply a part of a gesture; without one, show the whole area. Return whether the map is zoomed. */
   zoom(pinch?: Pinch): boolean {
     this.#zoom = pinch && this.#projection && zoomed(this.#projection, this.#width, this.#height, pinch);
     this.#followed = undefined;
@@ -78,7 +78,7 @@ export class Painter {
     return this.#zoom !== undefined;
   }
 
-  /** Bring a robot into the middle, large enough to be seen in a crowd, and keep it in sight until fingers move the map. */
+  /** Centre a robot, enlarged if the map is crowded, and keep it in sight until the map is moved by hand. */
   find(address: string): boolean {
     const at = this.#scene?.swarm.robots.get(address)?.position;
     if (at) {
@@ -93,7 +93,7 @@ export class Painter {
     return { x: this.#width / 2, y: this.#height / 2 };
   }
 
-  /** Where robots are on the screen, as drawn. */
+  /** Robots' places on the screen, as drawn. */
   get places(): ReadonlyMap<string, Point> {
     return this.#motion.places;
   }
@@ -120,7 +120,7 @@ export class Painter {
       this.#zoom = { ...this.#zoom, at: followed };
     }
     const projection = fitArea(area, this.#width, this.#height, this.#zoom);
-    // After a change of scale the old pixels mean other places.
+    // After a change of scale old pixels are invalid.
     const before = this.#projection;
     const rescaled =
       projection.scale !== before?.scale || projection.left !== before.left || projection.top !== before.top;
@@ -134,7 +134,7 @@ export class Painter {
     this.#drawSoon();
   }
 
-  /** Not near the edge: to move the whole map with each step of a robot would be hard to look at. */
+  /** Not near the edge: moving the map with each step of a robot would be hard to watch. */
   #isInSight({ x, y }: Point): boolean {
     const [across, down] = [x / this.#width, y / this.#height];
     return Math.min(across, down) > EDGE_PART && Math.max(across, down) < 1 - EDGE_PART;
@@ -148,13 +148,13 @@ export class Painter {
     this.#frame = undefined;
     const [ground, robots] = [this.#ground.getContext("2d"), this.#robots.getContext("2d")];
     if (!this.#scene || !this.#projection || !ground || !robots) return;
-    // A large swarm at half the screen's rate: drawing it costs more than anybody sees.
+    // Large swarms are drawn at half the screen's rate, which is hardly visible.
     if (this.#motion.places.size > MANY && now_ms - this.#drawnAt_ms < 25) {
       this.#drawSoon();
       return;
     }
     this.#theme ??= readTheme(this.#ground);
-    // After a pause the first step is one frame long, not the pause.
+    // After a pause the first step is one frame long.
     const moving = this.#motion.advance(Math.min(now_ms - this.#drawnAt_ms, 50));
     this.#drawnAt_ms = now_ms;
     if (this.#groundIsOld) {

@@ -1,4 +1,4 @@
-// Between the area's lengths and the canvas's pixels (CSS pixels, origin top left, y down in both).
+// Convert between the area's lengths and the canvas's pixels (CSS pixels, origin top left, y down in both).
 
 import type { Area, Point } from "../client";
 import type { Pinch } from "./gesture";
@@ -11,10 +11,10 @@ export interface Projection {
   readonly top: number;
 }
 
-/** Room around the area for a robot that stands on its edge. */
+/** Space around the area for robots on its edge. */
 const MARGIN = 12;
 
-/** The part of the area that is shown: so many times as large as the whole would be, with this place in the middle. */
+/** The visible part of the area: scaled by a factor, with this place in the middle. */
 export interface Zoom {
   readonly times: number;
   readonly at: Point;
@@ -22,7 +22,7 @@ export interface Zoom {
 
 const MOST_TIMES = 12;
 
-/** The area in a canvas: as large as fits, or as the zoom says, but with nothing shown beside it that need not be. */
+/** Fit the area into a canvas, or zoom it, with as little empty space as possible. */
 export function fitArea(area: Area, width: number, height: number, zoom?: Zoom): Projection {
   const fit = Math.max(Math.min((width - 2 * MARGIN) / area.width, (height - 2 * MARGIN) / area.height), 1e-9);
   const scale = fit * (zoom?.times ?? 1);
@@ -38,13 +38,13 @@ export function fitArea(area: Area, width: number, height: number, zoom?: Zoom):
   };
 }
 
-/** The zoom after a gesture over what is shown as `p`; undefined when all of the area is shown. */
+/** The zoom after a gesture on the projection `p`; undefined if the whole area is visible. */
 export function zoomed(p: Projection, width: number, height: number, { factor, around, by }: Pinch): Zoom | undefined {
   const whole = fitArea(p.area, width, height).scale;
   const times = Math.min((p.scale / whole) * factor, MOST_TIMES);
   if (times <= 1) return undefined;
   const scale = times * whole;
-  // What was under the fingers stays under them.
+  // The place under the fingers stays there.
   const middle = (room: number, start: number, place: number, moved: number) =>
     (place - start) / p.scale + (room / 2 - place - moved) / scale;
   return {
@@ -57,7 +57,7 @@ export function toScreen({ scale, left, top }: Projection, { x, y }: Point): Poi
   return { x: left + x * scale, y: top + y * scale };
 }
 
-/** Within the area: a tap on the margin means its edge. */
+/** A place within the area: a tap on the margin counts as its edge. */
 export function toArea({ area, scale, left, top }: Projection, { x, y }: Point): Point {
   const clamp = (value: number, most: number) => Math.min(Math.max(value, 0), most);
   return rounded({ x: clamp((x - left) / scale, area.width), y: clamp((y - top) / scale, area.height) });

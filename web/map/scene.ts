@@ -1,5 +1,5 @@
-// What the map shows. Two canvases: below, what changes ten times a second at most (grid, trails, routes); above, what
-// glides (robots; and names.ts, their names) or is being tapped together (a route).
+// Draw the map on two canvases: the lower one (grid, trails, routes) changes at most ten times a second, the upper one has
+// moving robots with their names (names.ts), and the route being drawn.
 
 import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm } from "../client";
 import { drawLit, drawWalls } from "./building";
@@ -12,33 +12,33 @@ import type { Theme } from "./theme";
 export interface Scene {
   readonly swarm: Swarm;
   readonly selected: string | undefined;
-  /** The route being tapped together, not yet sent. */
+  /** The route being drawn, not yet sent. */
   readonly draft: readonly Point[];
   readonly threshold: number;
   /** Keyboard cursor for waypoints. */
   readonly cursor: Point | undefined;
-  /** Whether robots show their marks; else only what their lights show. */
+  /** Whether robots show their marks; otherwise only their lights. */
   readonly marked: boolean;
-  /** How many buttons are on the map. */
+  /** Number of buttons on the map. */
   readonly buttons: number;
 }
 
-/** Everybody's trail but the selected one's is short: 200 long ones are a tangle, and slow on a phone. */
+/** Trails of robots that are not selected are short: 200 long ones are unreadable, and slow on a phone. */
 const TRAIL_OF_FEW = 60;
 const TRAIL_OF_MANY = 15;
-/** Up to so many robots are few. */
+/** Up to this number, robots are few. */
 const FEW = 30;
 const ROBOT_MM = 60;
 const LEAST_RADIUS = 5;
-/** Few robots may be drawn larger than they are, for thumbs. */
+/** Few robots are drawn larger than to scale, for thumbs. */
 const LEAST_RADIUS_OF_FEW = 7.5;
-/** On a projector's map robots are as large as they are. */
+/** On large maps robots are drawn to scale, up to this radius. */
 const MOST_RADIUS = 20;
 const THING_PX = 9;
 const TURN = 2 * Math.PI;
 
 export function shownRobots(swarm: Swarm): Robot[] {
-  // One that was stopped is silent, and stands where everybody can see it.
+  // A stopped robot is silent, but remains visible.
   return [...swarm.robots.values()].filter((robot) => robot.position && (robot.status !== LOST || isStopped(robot)));
 }
 
@@ -47,7 +47,7 @@ export function robotRadius({ scale }: Projection, robots: number): number {
   return Math.min(Math.max(ROBOT_MM * scale, least), MOST_RADIUS);
 }
 
-/** How far a robot and what is drawn around it reach. */
+/** Radius of a robot with its rings. */
 export function rimOf(p: Projection, { terms }: Swarm, robots: number): number {
   return robotRadius(p, robots) + (terms ? RING_OFF_PX + 2 : 0);
 }
@@ -56,7 +56,7 @@ function isStopped({ shield }: Robot): boolean {
   return shield?.safeMode === true;
 }
 
-/** How a robot's disc looks: its mark within a rim of the light that it shows. */
+/** The look of a robot's disc: its mark, with a rim in the colour of its light. */
 interface Look {
   readonly rim: string;
   readonly mark: Mark | undefined;
@@ -75,7 +75,7 @@ function alphaOf(robot: Robot): number {
   return robot.status === INACTIVE && !isStopped(robot) ? 0.35 : 1;
 }
 
-/** The colour of a disc. A dark LED would be a hole in a dark map, so it is drawn as unlit. */
+/** The colour of a disc. A dark LED is drawn as unlit, or it would look like a hole in a dark map. */
 export function ledColour(led: Rgb | undefined, theme: Theme): string {
   if (!led || Math.max(led.red, led.green, led.blue) < 24) return theme.unlit;
   return `rgb(${led.red} ${led.green} ${led.blue})`;
@@ -107,7 +107,7 @@ export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: 
   if (scene.cursor) drawCursor(ctx, toScreen(p, scene.cursor), theme);
 }
 
-/** What the robots' work is about, on its tip: nobody takes it for a robot. */
+/** Objects of the robots' task, as diamonds, unlike robots. */
 function drawThings(ctx: CanvasRenderingContext2D, p: Projection, theme: Theme, things: readonly Point[]): void {
   ctx.fillStyle = theme.bad;
   ctx.strokeStyle = theme.ink;
@@ -167,7 +167,7 @@ function drawTrail(
   ctx.globalAlpha = 1;
 }
 
-/** The first point is where the robot stands or stood: a route's start, and no waypoint. */
+/** The first point is the robot's place at the start, not a waypoint. */
 function drawRoute(
   ctx: CanvasRenderingContext2D,
   p: Projection,
@@ -223,7 +223,7 @@ function drawCursor(ctx: CanvasRenderingContext2D, { x, y }: Point, theme: Theme
   ctx.stroke();
 }
 
-/** `places` are pixels: where the robots are in their glide. `still`: nothing fades. */
+/** `places` are pixels, interpolated. `still`: nothing fades. */
 export function drawRobots(
   ctx: CanvasRenderingContext2D,
   p: Projection,
@@ -251,7 +251,7 @@ export function drawRobots(
   const selected = robots.find((robot) => robot.address === scene.selected);
   const place = selected && places.get(selected.address);
   if (!selected || !place) return;
-  // Over the others: among a hundred a point that was just tapped would be under one of them.
+  // Drawn last: among a hundred robots a new point could be hidden.
   if (selected.position) drawRoute(ctx, p, theme, [selected.position, ...scene.draft], scene.threshold, true);
   const larger = Math.max(radius, LEAST_RADIUS_OF_FEW);
   drawHalo(ctx, theme, place, rim + larger - radius + 6);
@@ -259,7 +259,7 @@ export function drawRobots(
   if (isStopped(selected)) crossOut(ctx, theme, [selected], places, radius);
 }
 
-/** Around the chosen robot: light on a wide dark ring or the other way round, so that it stands out of any crowd. */
+/** Ring around the chosen robot: light on wide dark or the reverse, to stand out in a crowd. */
 function drawHalo(ctx: CanvasRenderingContext2D, theme: Theme, { x, y }: Point, radius: number): void {
   for (const [colour, width] of [
     [theme.halo, 9],
@@ -272,7 +272,7 @@ function drawHalo(ctx: CanvasRenderingContext2D, theme: Theme, { x, y }: Point, 
   }
 }
 
-/** Noses in one path and discs as stamps: a thousand paths of their own take a phone longer than a frame. */
+/** Noses in one path and discs as bitmaps: a thousand separate paths take longer than a frame on a phone. */
 function drawMany(
   ctx: CanvasRenderingContext2D,
   theme: Theme,
@@ -335,7 +335,7 @@ function drawRobot(
 ): void {
   ctx.globalAlpha = alphaOf(robot);
   if (robot.direction !== undefined) {
-    // 0 faces +y and degrees turn clockwise on the screen: the nose lies along (-sin, cos).
+    // 0 faces +y and degrees turn clockwise on the screen: the nose points to (-sin, cos).
     const angle = (robot.direction * TURN) / 360;
     const [noseX, noseY] = [-Math.sin(angle), Math.cos(angle)];
     const tip = radius * 1.75;

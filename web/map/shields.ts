@@ -1,20 +1,20 @@
-// Shields on the map. A robot's ring has one arc for each token that it needs; each drains as its token ages. A robot in
-// Safe Mode is grey with a cross, its ring in pieces. An audit is a line from auditor to auditee that fades.
+// Shields on the map. A robot's ring has one arc for each needed token, which shrinks as the token ages. A robot in
+// Safe Mode is grey with a cross and a broken ring. An audit is a line from auditor to auditee that fades.
 
 import { type Audit, counting, LOW_MS, type Point, type Robot, type ShieldTerms } from "../client";
 import type { Theme } from "./theme";
 
 const TURN = 2 * Math.PI;
 const TOP = -TURN / 4;
-/** Between two arcs, radians. */
+/** Gap between two arcs, radians. */
 const GAP = 0.22;
 const PASSED_FOR_MS = 500;
-/** Longer: it is rare, and what people should see. */
+/** Longer than passed audits: refusals are rare and important. */
 export const REFUSED_FOR_MS = 1600;
-/** From so many lines at a time on, those that say that all is well are thin. */
+/** With this many lines at a time, those of passed audits are thin. */
 const MANY_LINES = 12;
 
-/** How far a ring's middle is from a disc's edge, and how thick it is; so much room names and marks leave. */
+/** Distance of a ring from a disc's edge, and its width; names and marks leave this space. */
 export const RING_OFF_PX = 4;
 const RING_PX = 3;
 
@@ -38,7 +38,7 @@ export function drawShields(
       addPieces(broken, place, ring);
       continue;
     }
-    // By number: an arc keeps its place when its token is renewed.
+    // Sorted by number: an arc keeps its position when its token is renewed.
     const vouchers = [...counting(shield, terms, now_ms)].sort((a, b) => a.auditor - b.auditor);
     for (let k = 0; k < terms.needed; k += 1) {
       const from = TOP + k * share + GAP / 2;
@@ -70,7 +70,7 @@ function addArc(path: Path2D, { x, y }: Point, radius: number, from: number, to:
   path.arc(x, y, radius, from, to);
 }
 
-/** Three pieces, each fallen a little way off its place. */
+/** A broken ring: three displaced pieces. */
 function addPieces(path: Path2D, { x, y }: Point, radius: number): void {
   for (const [middle, half, off] of [
     [-2.2, 0.5, 2.5],
@@ -82,12 +82,12 @@ function addPieces(path: Path2D, { x, y }: Point, radius: number): void {
   }
 }
 
-/** Whether lines are still to be seen. */
+/** Whether lines are still visible. */
 export function areFlashing(audits: readonly Audit[], now_ms: number): boolean {
   return audits.some((audit) => ageOf(audit, now_ms) < 1);
 }
 
-/** Lines of audits that ended lately. `still`: they do not fade, they end. */
+/** Lines of recent audits. `still`: they disappear without fading. */
 export function drawAudits(
   ctx: CanvasRenderingContext2D,
   theme: Theme,
@@ -118,7 +118,7 @@ export function drawAudits(
   ctx.globalAlpha = 1;
 }
 
-/** Over discs. Not by colour alone: on a projector grey is light blue, and to some eyes many LEDs are grey. */
+/** A cross over a disc. Not by colour alone: grey looks like some LEDs, on projectors and to some eyes. */
 export function crossOut(
   ctx: CanvasRenderingContext2D,
   theme: Theme,
@@ -136,7 +136,7 @@ export function crossOut(
   ctx.stroke();
 }
 
-/** Not by colour alone either: a refusal has a cross where it meets the robot. */
+/** Not by colour alone either: a refusal has a cross at the auditee. */
 function addCross(ctx: CanvasRenderingContext2D, { x, y }: Point, reach: number): void {
   ctx.moveTo(x - reach, y - reach);
   ctx.lineTo(x + reach, y + reach);
@@ -144,14 +144,14 @@ function addCross(ctx: CanvasRenderingContext2D, { x, y }: Point, reach: number)
   ctx.lineTo(x + reach, y - reach);
 }
 
-/** On the way from `from` to `to`, so many pixels before its end. */
+/** A point between `from` and `to`, `before` pixels before the end. */
 function between(from: Point, to: Point, before: number): Point {
   const distance = Math.hypot(to.x - from.x, to.y - from.y);
   const share = distance > before ? 1 - before / distance : 1;
   return { x: from.x + (to.x - from.x) * share, y: from.y + (to.y - from.y) * share };
 }
 
-/** 0 just ended, 1 no longer shown. */
+/** 0: just ended, 1: no longer shown. */
 function ageOf({ at_ms, refusal }: Audit, now_ms: number): number {
   return Math.max(0, (now_ms - at_ms) / (refusal === "" ? PASSED_FOR_MS : REFUSED_FOR_MS));
 }

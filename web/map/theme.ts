@@ -1,4 +1,4 @@
-// The map's colours: the stylesheet's, read where a canvas cannot see them.
+// The map's colours, read from the stylesheet.
 
 export interface Theme {
   readonly ground: string;
@@ -14,7 +14,7 @@ export interface Theme {
   readonly bad: string;
   readonly muted: string;
   readonly wall: string;
-  /** A landmark that was decoded. */
+  /** A decoded landmark. */
   readonly lit: string;
 }
 

@@ -1,4 +1,4 @@
-// What has come of a swarm's own work, as a line on the map.
+// The score of a swarm's task, as a line on the map.
 
 import type { Work } from "../client";
 import { common as texts } from "../texts";

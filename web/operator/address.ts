@@ -1,8 +1,8 @@
-// A part of the page with an address of its own: the browser's back button closes it, and a link opens it.
+// Parts of the page with their own fragments: the browser's back button closes them, and links open them.
 
 import { useCallback, useEffect, useState } from "react";
 
-/** Whether the address ends with this fragment, and a function that sets or clears it. */
+/** Return whether the address ends with this fragment, and a function that sets or clears it. */
 export function useFragment(fragment: string): readonly [boolean, (on: boolean) => void] {
   const [on, setOn] = useState(() => window.location.hash === fragment);
   useEffect(() => {

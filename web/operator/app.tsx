@@ -1,4 +1,4 @@
-// The operator's page, on this machine or on a tablet: the code for visitors on one half, the state of everything on the
+// The operator's page, on this machine or on a tablet: the code for visitors on one half, the system's state on the
 // other.
 
 import { useEffect, useMemo, useState } from "react";
@@ -26,9 +26,9 @@ import { Term, Tip } from "./terms";
 import { SessionCard } from "./visitors";
 import { ago } from "./words";
 
-// A restart of the gateway is over by then; after it, a code on the screen most likely opens nothing.
+// By then a restart would be over, and the code on the screen is most likely invalid.
 const DEAD_AFTER_MS = 5000;
-/** Whoever started it again without --operator-port waits here for nothing. */
+/** After this time, tell an operator who restarted the gateway without --operator-port to open its new link. */
 const RESTARTED_AFTER_S = 15;
 
 export function App() {
@@ -54,7 +54,7 @@ function Connected({ entry, onAgain }: ConnectedProps) {
   const isElsewhere = over === "replaced";
 
   useEffect(() => {
-    // On this machine another ticket is there for the asking.
+    // On this machine a new ticket can be requested.
     if (!local || over === undefined || isElsewhere) return;
     const timer = setTimeout(onAgain, 1000);
     return () => clearTimeout(timer);
@@ -62,7 +62,7 @@ function Connected({ entry, onAgain }: ConnectedProps) {
 
   useEffect(() => {
     if (!local || isLive) return;
-    // The gateway may have been started again, with its visitors elsewhere.
+    // The gateway may have been restarted at another address.
     const timer = setInterval(() => {
       local.where().then(
         ({ link: url }) => url !== to.url && onAgain(),
@@ -103,7 +103,7 @@ export function Desk({ station, isOnTablet }: DeskProps) {
       )}
       <StopAll station={station} held={newest?.state.held === true} heardAt_ms={newest?.at_ms ?? 0} />
       <Banner polled={polled} silent_s={silent_ms / 1000} />
-      {/* Once opened it stays, hidden: what is drawn must not be lost to a look at the overview. */}
+      {/* Once opened it stays mounted, hidden: a draft must survive a look at the overview. */}
       {wasOpened && newest?.state.mission && (
         <div hidden={!drawing}>
           <Editor station={station} running={newest.state.mission.running} />
@@ -146,7 +146,7 @@ export function Desk({ station, isOnTablet }: DeskProps) {
   );
 }
 
-/** What one does, and talks about, before an audience. */
+/** The part for an audience: map and attacks. */
 function Show({ station, state }: { readonly station: Station; readonly state: GatewayState }) {
   const { robots, shields, unprotected, mission, visitors, session, mode } = state;
   const isShared = session === undefined || mode === "qrkey";
@@ -172,7 +172,7 @@ interface HeaderProps {
 function Header({ station, state, drawing, onDrawing, isOnTablet }: HeaderProps) {
   return (
     <header className="top">
-      {/* The overview has a heading of its own. */}
+      {/* The overview has its own heading. */}
       <p className="brand" {...(drawing && { role: "heading", "aria-level": 1 })}>
         <img src="./icon.svg" alt="" width="28" height="28" />
         {common.brand} <span className="quiet">{texts.operator}</span>

@@ -1,8 +1,8 @@
-// The page's own steady clock, for what moves between two polls.
+// The page's monotonic clock, for values that change between two polls.
 
 import { useEffect, useState } from "react";
 
-/** `performance.now()`, anew every so many milliseconds. */
+/** `performance.now()`, updated every `every_ms`. */
 export function useNow(every_ms: number): number {
   const [now, setNow] = useState(() => performance.now());
   useEffect(() => {

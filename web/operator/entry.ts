@@ -1,5 +1,5 @@
-// How this page gets onto the link: with a ticket that was scanned, with the token of the link that the gateway printed on
-// this machine, or as who it was before a reload.
+// How this page connects: with a scanned ticket, with the token of the link that the gateway printed on this machine, or
+// with the stored session of an earlier visit.
 
 import { useCallback, useEffect, useState } from "react";
 import {
@@ -17,28 +17,28 @@ import {
 import { Local, WrongToken } from "./local";
 import { dropToken, takeToken } from "./token";
 
-/** Where the websocket is, seen from where the front end serves this page. */
+/** Address of the websocket, relative to this page on the front end. */
 const ABOVE = "../link";
 const AGAIN_MS = 1000;
 const LINK = /^#(j|token)=/;
 
-/** Of this origin; visitors' are others. */
+/** Resume secrets of operators; visitors' are stored separately. */
 export const resumeStore = new ResumeStore(browserStores(), "phalanx.operator.");
 
 export type Entry =
   | { readonly kind: "asking"; readonly tries: number }
-  /** `refused`: of a token or ticket that is not valid. */
+  /** `refused`: a token or ticket was invalid. */
   | { readonly kind: "none"; readonly refused: boolean }
   | { readonly kind: "session"; readonly to: SessionTo; readonly local: Local | undefined };
 
-/** The way in, and a function that looks for another. */
+/** Return the way in, and a function that looks for another one. */
 export function useEntry(): readonly [Entry, () => void] {
   const [entry, setEntry] = useState<Entry>({ kind: "asking", tries: 0 });
   const [round, setRound] = useState(0);
   const again = useCallback(() => setRound((before) => before + 1), []);
 
   useEffect(() => {
-    // A new link pasted into this tab changes only the fragment, and loads nothing. Others are parts of the page.
+    // A new link pasted into this tab changes only the fragment, and reloads nothing. Other fragments are parts of the page.
     const pasted = () => LINK.test(window.location.hash) && again();
     window.addEventListener("hashchange", pasted);
     return () => window.removeEventListener("hashchange", pasted);
@@ -64,7 +64,7 @@ export function useEntry(): readonly [Entry, () => void] {
   return [entry, again];
 }
 
-/** Undefined: the gateway does not answer. `isAgain`: what was kept has failed. */
+/** Undefined if the gateway does not answer. `isAgain`: the stored secret has failed. */
 async function find(isAgain: boolean): Promise<Entry | undefined> {
   const ticket = takeTicket();
   if (ticket === "bad") return { kind: "none", refused: true };
@@ -94,7 +94,7 @@ function session(url: string, fixed: Uint8Array, invitation: Secret | undefined,
   return { kind: "session", to: { url, at: DIRECT, fixed, invitation, name: "" }, local };
 }
 
-/** From the address, which is cleaned: that bar may be on a projector. */
+/** Take the ticket from the address, and remove it there: the address bar may be on a projector. */
 function takeTicket(): { readonly fixed: Uint8Array; readonly secret: Secret } | "bad" | undefined {
   const { hash, pathname, search } = window.location;
   if (!hash.startsWith("#j=")) return undefined;

@@ -1,4 +1,4 @@
-// "QR only": the code alone, in full screen where the browser allows it, on a screen that does not fall asleep.
+// "QR only": the code alone, full screen if the browser allows it, while the screen is kept awake.
 
 import { useCallback, useEffect, useState } from "react";
 
@@ -13,7 +13,7 @@ export function useExhibition(): Exhibition {
 
   const enter = useCallback(() => {
     setOn(true);
-    // Refused in some browsers and frames; the view is the same, in the window.
+    // Some browsers and frames refuse; the view is then shown in the window.
     document.documentElement.requestFullscreen?.().catch(() => undefined);
   }, []);
 
@@ -25,7 +25,7 @@ export function useExhibition(): Exhibition {
   useEffect(() => {
     if (!on) return;
     const onFullscreen = () => {
-      // The browser's own way out (Escape, F11) leaves our view as well.
+      // Leaving full screen by the browser (Escape, F11) also closes our view.
       if (!document.fullscreenElement) setOn(false);
     };
     const onKey = (event: KeyboardEvent) => {
@@ -54,11 +54,11 @@ function useAwake(wanted: boolean): void {
         if (ended) await got.release();
         else lock = got;
       } catch {
-        // On battery, or forbidden: then the screen sleeps as it always does.
+        // On battery, or forbidden: the screen then sleeps as usual.
       }
     };
     const onVisible = () => {
-      // The browser takes the lock away when the tab is hidden, and does not give it back.
+      // The browser releases the lock when the tab is hidden, and does not restore it.
       if (document.visibilityState === "visible") void hold();
     };
     void hold();

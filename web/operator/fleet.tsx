@@ -1,4 +1,4 @@
-// The robots, one a row.
+// The robots, one per row.
 
 import { type SwarmSource, useSwarm } from "../client";
 import { MarkChip } from "../map/mark_chip";
@@ -7,7 +7,7 @@ import type { LinkQuality, Missions, Rgb, Robot, RobotShield, Shields, Walk } fr
 import { ago, driftWords } from "./words";
 import { Term } from "./terms";
 
-// A DotBot's range: below it brakes out, above it has just been charged.
+// Voltage range of a DotBot: brown-out below, freshly charged above.
 const EMPTY_V = 1.8;
 const FULL_V = 3.0;
 const LOW = 0.25;
@@ -77,7 +77,7 @@ export function Fleet({ source, robots, shields, mission }: Props) {
   );
 }
 
-/** Published pages say no name. */
+/** Published pages send no names. */
 function modeWords({ mode, drivers }: Robot): string {
   return drivers.length === 0 ? texts.modes[MODE[mode]] : texts.drivenBy(drivers.map((name) => name || texts.aVisitor).join(", "));
 }
@@ -129,7 +129,7 @@ function Row({ robot, number, needed, shield, walk }: RowProps) {
 
 function Shield({ shield, needed }: { readonly shield: RobotShield; readonly needed: number }) {
   const { safe_mode, attack, vouchers } = shield;
-  // With its last needed voucher's token the robot is stopped.
+  // Without the last needed token the robot is stopped.
   const left_s = vouchers[needed - 1]?.left_s;
   return (
     <>
@@ -168,7 +168,7 @@ function Led({ rgb }: { readonly rgb: Rgb }) {
 }
 
 function Battery({ volts }: { readonly volts: number }) {
-  if (volts === 0) return <span className="number">–</span>; // it tells none
+  if (volts === 0) return <span className="number">–</span>; // the robot does not report it
   const part = Math.max(0, Math.min(1, (volts - EMPTY_V) / (FULL_V - EMPTY_V)));
   return (
     <span className="battery">

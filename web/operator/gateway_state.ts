@@ -1,4 +1,4 @@
-// What the gateway says about itself at /api/state, checked once here, so that no component meets a missing field.
+// The gateway's answer to /api/state, validated once, so that components need not handle missing fields.
 
 import { type Drift, type Json, readDrift } from "../client";
 
@@ -8,7 +8,7 @@ export interface Broker {
   readonly name: string;
   readonly url: string;
   readonly connected: boolean;
-  /** Why no phone gets in there; "" if they do. */
+  /** Why phones cannot connect to it; "" if they can. */
   readonly trouble: string;
   readonly phones: string;
 }
@@ -22,25 +22,25 @@ export interface Visitor {
 
 export const ROLES = ["watch", "drive", "operate"] as const;
 
-/** Somebody with a session, here or away for a while. */
+/** A visitor with a session, connected or away for a while. */
 export interface SessionVisitor {
   readonly visitor: number;
   readonly name: string;
   readonly role: (typeof ROLES)[number];
-  /** For the operator's approval. */
+  /** Waits for the operator's approval. */
   readonly waiting: boolean;
   readonly present: boolean;
-  /** Address of the robot that it drives or was given; "". */
+  /** Address of the robot that it drives or was assigned; "" for none. */
   readonly robot: string;
-  /** In the queue for a robot, from 1; 0: not in it. */
+  /** Position in the queue for a robot, from 1; 0: not queued. */
   readonly place: number;
 }
 
 /** Mode session. */
 export interface Session {
-  /** Eight digits; undefined: none is shown. */
+  /** Eight digits; undefined if hidden. */
   readonly room: string | undefined;
-  /** Newcomers are admitted without approval. */
+  /** New visitors are admitted without approval. */
   readonly open: boolean;
   readonly visitors: readonly SessionVisitor[];
 }
@@ -62,27 +62,27 @@ export interface Robot {
   readonly last_seen_s: number;
   readonly rgb_led: Rgb;
   readonly link: LinkQuality;
-  /** Visitors whose joysticks drive it now, by what their pages call themselves. */
+  /** Names of visitors whose joysticks drive it now. */
   readonly drivers: readonly string[];
 }
 
 export const COUNTERS = ["commands", "requests", "notifications", "knocks", "reconnects"] as const;
 export type Counters = Readonly<Record<(typeof COUNTERS)[number], number>>;
 
-/** What became of a robot that the operator has lie. */
+/** State of a robot that the operator compromised. */
 export interface Lie {
   readonly since_s: number;
-  /** How long it took until it was stopped; undefined while it is not. */
+  /** Time until it was stopped; undefined if it still runs. */
   readonly stopped_after_s: number | undefined;
 }
 
 export interface RobotShield {
   readonly safe_mode: boolean;
-  /** What the operator has it do; "" for an honest robot. */
+  /** Its attack; "" for an honest robot. */
   readonly attack: string;
   /** Undefined for an honest robot. */
   readonly lie: Lie | undefined;
-  /** Neighbours that vouch for it, and for how many seconds more. */
+  /** Neighbours that vouch for it, with the remaining seconds. */
   readonly vouchers: readonly { readonly name: string; readonly left_s: number }[];
 }
 
@@ -91,7 +91,7 @@ export interface Attack {
   readonly does: string;
 }
 
-/** An audit that earned no token. */
+/** A refused audit. */
 export interface Refusal {
   readonly ago_s: number;
   readonly auditor: string;
@@ -99,21 +99,21 @@ export interface Refusal {
   readonly reason: string;
 }
 
-/** Of robots that audit each other. */
+/** Shields of robots that audit each other. */
 export interface Shields {
   readonly tokens_needed: number;
   readonly t_val_ms: number;
-  /** Whether stopped robots can begin anew: those of a simulation. */
+  /** Whether stopped robots can be revived: simulated ones only. */
   readonly revives: boolean;
   readonly attacks: readonly Attack[];
-  /** The newest first. */
+  /** Newest first. */
   readonly refusals: readonly Refusal[];
   readonly robots: Readonly<Record<string, RobotShield>>;
 }
 
 export const PHASES = ["waiting", "seeking", "returning", "held", "done"] as const;
 
-/** How far one robot's mission has got. */
+/** A robot's progress in its mission. */
 export interface Walk {
   readonly phase: (typeof PHASES)[number];
   readonly decoded: number;
@@ -122,7 +122,7 @@ export interface Walk {
   readonly drift: Drift;
 }
 
-/** The mission that runs, or ran last. */
+/** The running mission, or the last one. */
 export interface RunningMission {
   readonly id: string;
   readonly name: string;
@@ -131,7 +131,7 @@ export interface RunningMission {
   readonly completed: number;
 }
 
-/** Of robots that live missions. */
+/** State of robots on missions. */
 export interface Missions {
   readonly world: string;
   readonly running: RunningMission | undefined;
@@ -154,21 +154,21 @@ export interface GatewayState {
   readonly uptime_s: number;
   readonly broker: Broker;
   readonly visitors: readonly Visitor[];
-  /** Undefined: a gateway that has none. */
+  /** Undefined for a gateway without sessions. */
   readonly session: Session | undefined;
   readonly robots: readonly Robot[];
   /** Undefined where robots do not audit each other. */
   readonly shields: Shields | undefined;
-  /** Why not, where somebody may expect it; or "". */
+  /** Why robots are unprotected, if operators may expect otherwise; or "". */
   readonly unprotected: string;
-  /** Undefined where robots live no missions. */
+  /** Undefined if robots have no missions. */
   readonly mission: Missions | undefined;
   readonly counters: Counters;
-  /** Refused messages by reason; a reason of which there was none may be absent. */
+  /** Refused messages by reason; reasons without refusals may be absent. */
   readonly rejected: Readonly<Record<string, number>>;
 }
 
-/** The gateway answered with something else than its state: most likely another version of it. */
+/** The answer is not a gateway's state: most likely the gateway has another version. */
 export class NotAState extends Error {
   constructor(where: string) {
     super(`the gateway's answer has no usable "${where}"`);

@@ -1,4 +1,4 @@
-// The way in for visitors: the code, where it leads, and for how long.
+// The visitors' code, with its address and remaining time.
 
 import { useEffect, useRef, useState } from "react";
 import { inSameLanguage, operator as texts } from "../texts";
@@ -25,7 +25,7 @@ export function Invitation({ station, newest, outOfOrder, exhibition }: Props) {
   const isShared = session === undefined || mode === "qrkey";
   const wasOn = useRef(on);
   useEffect(() => {
-    // The button under the finger has changed; whoever uses the keyboard stays on it.
+    // The button under the pointer has changed; keyboard focus stays on it.
     if (wasOn.current !== on) button.current?.focus();
     wasOn.current = on;
   }, [on]);
@@ -70,7 +70,7 @@ function NewCode({ station, isShared, overlapping }: NewCodeProps) {
       <button
         type="button"
         data-testid="new-code"
-        // Of a shared code one overlap at a time: phones that sleep through two new codes would get neither.
+        // With a shared code only one overlap at a time: phones that miss two new codes would get neither.
         disabled={isShared && overlapping}
         data-tip={tip}
         aria-description={tip}
@@ -87,7 +87,7 @@ function NewCode({ station, isShared, overlapping }: NewCodeProps) {
   );
 }
 
-/** Large, for people who type it. */
+/** Large, because visitors type it. */
 function RoomDigits({ room }: { readonly room: string }) {
   return (
     <p className="room">
@@ -113,7 +113,7 @@ function RoomToggle({ station, isShown }: { readonly station: Station; readonly 
   );
 }
 
-// The link has the code in it, so it is copied and never written: this page is on a projector.
+// The link contains the code, so it is copied but never shown: this page is on a projector.
 function CopyLink({ url }: { readonly url: string }) {
   const [said, setSaid] = useState<string>();
   useEffect(() => {

@@ -1,4 +1,4 @@
-// What carries the swarm: the broker, the visitors on it, and the messages that go through.
+// The broker, its visitors, and the messages.
 
 import { operator as texts } from "../texts";
 import { type Broker, COUNTERS, type Counters, type Visitor } from "./gateway_state";
@@ -93,7 +93,7 @@ export function CountersCard({ counters, window }: CountersProps) {
   );
 }
 
-/** A broker of someone else's may be reached with a password, and this page is on a projector. */
+/** Remove credentials: an external broker's URL may have a password, and this page is on a projector. */
 export function withoutCredentials(url: string): string {
   return url.replace(/\/\/[^/]*@/, "//");
 }

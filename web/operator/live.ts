@@ -1,4 +1,4 @@
-// The swarm as it moves, for the projector: the gateway's state updates by HTTP, as that page is no client of the link.
+// The live swarm for the projector: updates over HTTP, as that page is not a client of the link.
 
 import { useEffect, useState } from "react";
 import { type Json, NO_SWARM, NO_VISIT, type SwarmSource, type SwarmView, swarmReducer } from "../client";
@@ -39,9 +39,9 @@ export class Live implements SwarmSource {
       try {
         await this.#read();
       } catch {
-        // The gateway is away: the page says so, from what it asks once a second.
+        // The gateway is away, which the poll once a second shows.
       }
-      // The gateway hangs up now and then; that is not worth a word.
+      // The gateway ends the stream now and then; the page reconnects silently.
       await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
     }
   }
@@ -85,7 +85,7 @@ export class Live implements SwarmSource {
   }
 }
 
-/** The live swarm, for as long as the component lives. */
+/** The live swarm, while the component is mounted. */
 export function useLive(token: string): Live | undefined {
   const [live, setLive] = useState<Live>();
   useEffect(() => {

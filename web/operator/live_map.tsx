@@ -1,4 +1,4 @@
-// The map for the projector: the robots as visitors see them, and in large words what became of the one that lies.
+// The map for the projector: the robots as visitors see them, and in large letters the state of the compromised one.
 
 import { useState } from "react";
 import { MapView } from "../map/map_view";

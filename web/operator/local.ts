@@ -1,13 +1,13 @@
-// The gateway on this machine, for whoever has the token of the link that it printed: its stop, which waits for nothing
-// else, and the way to the link, on which all the rest is done.
+// Requests to the gateway on this machine, authorised by the token of the link that it printed: the emergency stop, which
+// depends on nothing else, and the way to the link, which serves all other requests.
 
 import { isObject, parseInvitation, type Secret } from "../client";
 
 const ANSWER_WITHIN_MS = 4000;
-/** Of a ticket that is used at once. */
+/** Validity of a ticket for immediate use. */
 const VALID_S = 60;
 
-/** It knows another token. */
+/** The gateway has another token. */
 export class WrongToken extends Error {}
 
 export interface Ways {
@@ -23,19 +23,19 @@ export class Local {
     this.#token = token;
   }
 
-  /** Stop all robots, or let them go. @throws WrongToken, Error (the promise) */
+  /** Stop all robots, or release them. @throws WrongToken, Error (the promise) */
   async hold(held: boolean): Promise<void> {
     await this.#post(held ? "stop" : "go");
   }
 
-  /** Where the link is, and the swarm's public key. @throws as hold() */
+  /** Return the link's address, and the swarm's public key. @throws as hold() */
   async where(): Promise<Ways> {
     const { link, static: fixed } = await this.#post("link/where");
     if (typeof link !== "string" || typeof fixed !== "string") throw new Error("another version");
     return { link, fixed };
   }
 
-  /** A ticket for this page. @throws as hold(), BadInvitation */
+  /** Request a ticket for this page. @throws as hold(), BadInvitation */
   async ticket(): Promise<Secret> {
     const { url } = await this.#post("link/invite", { role: "operate", valid_s: VALID_S, name: "Operator" });
     return parseInvitation(String(url)).secret;
@@ -48,7 +48,7 @@ export class Local {
       body: JSON.stringify(words),
       cache: "no-store",
       credentials: "omit",
-      // The token is for the gateway alone.
+      // The token is sent to the gateway only.
       redirect: "error",
       signal: AbortSignal.timeout(ANSWER_WITHIN_MS),
     });

@@ -1,4 +1,4 @@
-// Asks the gateway for its state once a second, and says plainly when it cannot.
+// Poll the gateway's state once a second, and report when it does not answer.
 
 import { useEffect, useState } from "react";
 import { Refused } from "../client";
@@ -6,29 +6,29 @@ import { type GatewayState, NotAState, parseState } from "./gateway_state";
 import type { Station } from "./station";
 
 const EVERY_MS = 1000;
-// Longer than any loaded machine needs, and shorter than a person's patience.
+// Longer than a busy machine needs, and shorter than a person's patience.
 const ANSWER_WITHIN_MS = 4000;
-/** A session takes a moment to begin. */
+/** A session needs a moment to start. */
 const BEGINS_WITHIN_MS = 3000;
 const BEGINS_EVERY_MS = 100;
 
 export type Trouble = "unreachable" | "incomprehensible";
 
-/** One answer, with when it came on this page's steady clock (milliseconds, `performance.now()`). */
+/** An answer, with its arrival time on this page's monotonic clock (milliseconds, `performance.now()`). */
 export interface Sample {
   readonly state: GatewayState;
   readonly at_ms: number;
 }
 
 export interface Polled {
-  /** The newest answer, kept through any trouble that followed. */
+  /** The newest answer, also kept during later errors. */
   readonly newest: Sample | undefined;
   readonly trouble: Trouble | undefined;
 }
 
 const NOTHING: Polled = { newest: undefined, trouble: undefined };
 
-/** The gateway's state, as a station is told it. */
+/** The gateway's state, polled through a station. */
 export function useGateway(station: Station): Polled {
   const [polled, setPolled] = useState<Polled>(NOTHING);
 

@@ -1,4 +1,4 @@
-// The page for the projector: the way in, the robots, and who is here. It commands nothing, and waits for a gateway that is away.
+// The projector's page: the code, the robots, and the visitors. It is read-only, and waits for a gateway that is away.
 
 import { type ReactNode, useEffect, useState } from "react";
 import { MapView } from "../map/map_view";
@@ -18,7 +18,7 @@ interface Shown {
   readonly room: string | null;
   readonly watch_only: boolean;
   readonly visitors: readonly { readonly name: string; readonly robot: string }[];
-  /** With the robot that each gets, and when; robot "": no turn ends by then. */
+  /** With the robot and time of each turn; robot "": none will be free by then. */
   readonly queue: readonly { readonly name: string; readonly robot: string; readonly left_s: number }[];
   readonly caption: string;
   readonly held: boolean;
@@ -151,11 +151,11 @@ async function ask(token: string): Promise<Shown | undefined> {
     });
     return answer.ok ? ((await answer.json()) as Shown) : undefined;
   } catch {
-    return undefined; // the gateway is away, and comes back
+    return undefined; // the gateway is away, and the page retries
   }
 }
 
-/** The token from the address bar, which is on the wall and so is cleaned; or that of before a reload. */
+/** The token from the address bar, which is removed there as it is projected; or the one stored before a reload. */
 function takeToken(): string {
   const given = new URLSearchParams(window.location.hash.slice(1)).get("token");
   if (given !== null && /^[0-9a-f]{1,64}$/.test(given)) {
@@ -163,7 +163,7 @@ function takeToken(): string {
     try {
       window.sessionStorage.setItem(KEY, given);
     } catch {
-      // Storage is forbidden: the page works until it is reloaded.
+      // Storage is forbidden: the page works until reloaded.
     }
     return given;
   }

@@ -1,17 +1,17 @@
-// The code itself: dark on white whatever the theme, because scanners want light around dark.
+// The QR code: dark on white in every theme, because scanners need a light border.
 
 import { operator as texts } from "../texts";
 
 interface Props {
   readonly svg: string;
-  /** What it is for, for who does not see it. */
+  /** Description for screen readers. */
   readonly label?: string;
-  /** Said over the code instead of showing it: nobody should scan a code that opens nothing. */
+  /** Text shown over the code if it is invalid, so that nobody scans it. */
   readonly outOfOrder: string | undefined;
 }
 
 export function QrCode({ svg, label = texts.qrCode, outOfOrder }: Props) {
-  // As an <img> nothing in the drawing can run or load, whatever it says.
+  // As an <img>, the SVG can neither run scripts nor load resources.
   const url = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(svg)}`;
   return (
     <div className="qr" data-testid="qr" data-out-of-order={outOfOrder !== undefined}>

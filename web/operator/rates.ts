@@ -1,10 +1,10 @@
-// How fast the gateway's totals grow, from successive polls.
+// Rates of the gateway's counters, from successive polls.
 
 import { useEffect, useState } from "react";
 import type { GatewayState } from "./gateway_state";
 import type { Sample } from "./poll";
 
-// Short enough to see a visitor start to drive, long enough that one missed poll does not show.
+// Short enough to show that a visitor starts to drive, long enough to hide a missed poll.
 const WINDOW_MS = 10_000;
 
 export type Totals = Readonly<Record<string, number>>;
@@ -15,12 +15,12 @@ export interface TotalsAt {
   readonly totals: Totals;
 }
 
-/** Counters by their name, refusals by their reason; the two never share a word. */
+/** Counters by name, refusals by reason; the two sets of keys are disjoint. */
 export function totalsOf(state: GatewayState): Totals {
   return { ...state.counters, ...state.rejected };
 }
 
-/** The samples of the window, the newest last. A gateway that started anew starts its window anew. */
+/** The samples of the window, newest last. A restarted gateway starts a new window. */
 export function extend(window: readonly TotalsAt[], next: TotalsAt): readonly TotalsAt[] {
   const last = window.at(-1);
   if (last && next.uptime_s < last.uptime_s) return [next];
@@ -32,7 +32,7 @@ export function rate(window: readonly TotalsAt[], name: string): number | undefi
   const first = window[0];
   const last = window.at(-1);
   if (!first || !last || last.at_ms <= first.at_ms) return undefined;
-  // A reason that the first sample did not name had none then.
+  // A reason absent from the first sample had no refusals then.
   const grown = (last.totals[name] ?? 0) - (first.totals[name] ?? 0);
   return Math.max(0, grown) / ((last.at_ms - first.at_ms) / 1000);
 }

@@ -1,8 +1,8 @@
-// Why messages were refused, for the person at the exhibition. The reasons are those of docs/spec/link.md.
+// Explanations of refused messages for operators. The reasons are those of docs/spec/link.md.
 
 import { operator as texts } from "../texts";
 
-/** How worried to be: nothing to do, somebody to help, somebody may be trying something, or our own fault. */
+/** Severity: harmless, a visitor needs help, suspicious, or an error of ours. */
 export type Tone = "harmless" | "help" | "suspicious" | "fault";
 
 export interface Reason {
@@ -36,7 +36,7 @@ const TONES: Readonly<Record<keyof typeof texts.reasons, Tone>> = {
   defect: "fault",
 };
 
-/** What to say about a reason; one that a newer gateway invented is shown by its bare name. */
+/** The explanation of a reason; unknown ones of newer gateways are shown by name. */
 export function reason(name: string): Reason {
   if (!isKnown(name)) return { title: name, text: texts.unknownReason, tone: "harmless" };
   const [title, text] = texts.reasons[name];

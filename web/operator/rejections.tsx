@@ -1,4 +1,4 @@
-// Messages that the gateway refused, in plain words.
+// Refused messages, explained.
 
 import { operator as texts } from "../texts";
 import { rate, type TotalsAt } from "./rates";

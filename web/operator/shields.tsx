@@ -1,4 +1,4 @@
-// Robots that audit each other: the operator has one lie, and watches the others refuse it.
+// Robots that audit each other: the operator compromises one, and the others refuse it.
 
 import { useState } from "react";
 import { sentence } from "../client";
@@ -23,7 +23,7 @@ export function CompromiseCard({ station, robots, shields }: Props) {
     const shield = shields.robots[robot.address];
     return shield && !shield.safe_mode && shield.attack === "";
   });
-  // Nobody is chosen for the operator: a second, impatient click would have one more robot lie. Nor does a choice outlive
+  // No robot is preselected: a second, impatient click would compromise another one. A choice ends with
   // its robot.
   const robot = honest.find((each) => each.address === address);
   const attack = shields.attacks.find((each) => each.name === name) ?? shields.attacks[0];
@@ -106,7 +106,7 @@ export function CompromiseCard({ station, robots, shields }: Props) {
   );
 }
 
-/** Robots that were stopped, each with a button to let it begin anew. */
+/** Stopped robots, each with a button to revive it. */
 function Stopped({ station, robots, shields }: Props) {
   const [asked, setAsked] = useState<ReadonlySet<string>>(new Set());
   const [trouble, setTrouble] = useState<string>();
@@ -117,7 +117,7 @@ function Stopped({ station, robots, shields }: Props) {
     setAsked((before) => new Set(before).add(address));
     const refused = await order(station, "revive", { robot: address });
     setTrouble(refused);
-    // The robot is stopped for some seconds more: a second click would be refused.
+    // The robot needs some seconds to restart: a second click would be refused.
     setTimeout(() => setAsked((before) => new Set([...before].filter((each) => each !== address))), refused ? 0 : 8000);
   }
 
@@ -151,7 +151,7 @@ function Lying({ robot, attack, lie: { since_s, stopped_after_s } }: LyingProps)
       {stopped_after_s !== undefined ? (
         texts.liarStopped(common.decimal(stopped_after_s, 1))
       ) : (
-        // Not read out: it changes every second.
+        // Hidden from screen readers: it changes every second.
         <span aria-hidden="true">{texts.liesSince(Math.floor(since_s))}</span>
       )}
     </li>

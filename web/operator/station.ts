@@ -1,4 +1,4 @@
-// What an operator does and sees, over the link. On the gateway's own machine the stop takes its own way.
+// The operator's requests and data over the link. On the gateway's own machine the stop bypasses the link.
 
 import {
   type Json,
@@ -12,21 +12,21 @@ import {
 import { operator as texts } from "../texts";
 import type { Local } from "./local";
 
-/** A stop is asked for again until it is answered, for so long. */
+/** A stop is repeated until answered, for this long. */
 const STOP_FOR_MS = 10_000;
 const STOP_AGAIN_MS = 500;
 const AGAIN: readonly Reason[] = ["late", "too_many"];
 
 export interface Station {
-  /** The swarm as it moves. */
+  /** The live swarm. */
   readonly source: SwarmSource;
-  /** The answer to a request. @throws Unanswered, Refused (the promise) */
+  /** Return the answer to a request. @throws Unanswered, Refused (the promise) */
   ask(what: string, words?: object, timeout_ms?: number): Promise<Json>;
-  /** Stop all robots, or let them go; why that failed, in words. */
+  /** Stop all robots, or release them; return an error message if that failed. */
   hold(held: boolean): Promise<string | undefined>;
 }
 
-/** Have the gateway do something; why it did not, in words. */
+/** Send an order to the gateway; return an error message if it failed. */
 export async function order(station: Station, what: string, words: object = {}): Promise<string | undefined> {
   try {
     await station.ask(what, words);

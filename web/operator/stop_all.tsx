@@ -1,4 +1,4 @@
-// The emergency stop: always in sight, and never waiting for anything that this page knows or does not know.
+// The emergency stop: always visible, and independent of all other state of this page.
 
 import { useEffect, useState } from "react";
 import { operator as texts } from "../texts";
@@ -6,13 +6,13 @@ import type { Station } from "./station";
 
 interface Props {
   readonly station: Station;
-  /** Whether the gateway says that all robots are stopped. */
+  /** Whether all robots are stopped, as the gateway reports. */
   readonly held: boolean;
-  /** When the gateway answered last, milliseconds on this page's steady clock. */
+  /** When the gateway answered last, milliseconds on this page's monotonic clock. */
   readonly heardAt_ms: number;
 }
 
-/** What went wrong can be read for so long, if the gateway answers meanwhile. */
+/** An error stays visible for this long, if the gateway answers meanwhile. */
 const SAID_FOR_MS = 5000;
 
 export function StopAll({ station, held, heardAt_ms }: Props) {

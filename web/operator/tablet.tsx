@@ -1,4 +1,4 @@
-// A code that makes a tablet an operator's: for one use, within ten minutes.
+// A code that makes a tablet an operator's: for one use, valid for ten minutes.
 
 import { useState } from "react";
 import { isObject } from "../client";

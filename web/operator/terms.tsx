@@ -1,4 +1,4 @@
-// Words that are not plain, and what they mean: shown to a pointer, a finger or the keyboard's focus.
+// Explanations of terms, shown on hover, tap or keyboard focus.
 
 import { type ReactNode, useEffect, useState } from "react";
 import { operator as texts } from "../texts";
@@ -30,18 +30,18 @@ function below(term: Element): Shown {
   };
 }
 
-/** Once on the page: the box in which meanings appear. */
+/** The tooltip that shows explanations; once per page. */
 export function Tip() {
   const [shown, setShown] = useState<Shown>();
 
   useEffect(() => {
     const show = (event: Event) => {
       const under = event.target instanceof Element ? event.target.closest("[data-tip]") : null;
-      // A pointer that rests while the page scrolls below it does not take away what the keyboard asked for.
+      // A resting pointer over scrolling content must not close a tooltip that keyboard focus opened.
       const term = under ?? document.activeElement?.closest("[data-tip]");
       setShown(term ? below(term) : undefined);
     };
-    // The focus itself may scroll its word into view.
+    // Focusing can scroll the term into view.
     const follow = () => setShown((now) => now && below(now.term));
     const hide = () => setShown(undefined);
     const hideByKey = (event: KeyboardEvent) => {
@@ -62,7 +62,7 @@ export function Tip() {
   }, []);
 
   if (!shown) return null;
-  // Read out as the word's own description, so not a second time here.
+  // Screen readers read it as the term's description, so it is hidden here.
   return (
     <div className="tip" role="tooltip" aria-hidden="true" style={{ left: shown.left, top: shown.top }}>
       {shown.text}

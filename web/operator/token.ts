@@ -1,11 +1,11 @@
-// The operator's token. It comes in the fragment of the link printed in the terminal, which browsers never send, and it
-// leaves the address bar at once: that bar is on the projector. Only this file and poll.ts hold it; nothing shows it.
+// The operator's token. It is in the fragment of the link printed in the terminal, which browsers never send, and is removed
+// from the address bar at once, as that is projected. Only this file and poll.ts access it; nothing displays it.
 
 const KEY = "phalanx-operator-token";
 const WORD = /^[0-9A-Za-z_.~-]{1,512}$/;
 
 /**
- * The token from the address bar, which is cleaned, or else the one that this tab kept from before.
+ * Return the token from the address bar, which is removed there, or the one that this tab stored.
  *
  * @returns undefined if there is none.
  */
@@ -13,7 +13,7 @@ export function takeToken(): string | undefined {
   const given = new URLSearchParams(window.location.hash.slice(1)).get("token");
   if (given !== null) {
     window.history.replaceState(null, "", window.location.pathname + window.location.search);
-    // A word that could not stand in a header is no token of ours; fetch() would refuse it with an exception.
+    // An invalid token cannot be sent in a header: fetch() would throw.
     if (WORD.test(given)) {
       keep(given);
       return given;
@@ -22,12 +22,12 @@ export function takeToken(): string | undefined {
   return kept();
 }
 
-/** After a refusal: a token that did not fit will not fit after a reload either. */
+/** Forget a refused token, which would also fail after a reload. */
 export function dropToken(): void {
   try {
     window.sessionStorage.removeItem(KEY);
   } catch {
-    // Storage is forbidden here, so nothing was kept.
+    // Storage is forbidden, so nothing was stored.
   }
 }
 
@@ -35,7 +35,7 @@ function keep(token: string): void {
   try {
     window.sessionStorage.setItem(KEY, token);
   } catch {
-    // Storage is forbidden here: the page works until it is reloaded.
+    // Storage is forbidden: the page works until reloaded.
   }
 }
 

@@ -1,4 +1,4 @@
-// Visitors with sessions: who is here, who waits, who drives what; and what the operator does about it.
+// Visitors with sessions: present, waiting and driving, with the operator's actions on each.
 
 import { useEffect, useState } from "react";
 import { operator as texts } from "../texts";
@@ -6,7 +6,7 @@ import type { Robot, Session, SessionVisitor } from "./gateway_state";
 import { order, type Station } from "./station";
 import { Term } from "./terms";
 
-/** A second click within so long means it. */
+/** A second click within this time confirms. */
 const CONFIRM_MS = 4000;
 
 interface Props {
@@ -17,7 +17,7 @@ interface Props {
 
 export function SessionCard({ station, session, robots }: Props) {
   const [trouble, setTrouble] = useState<string>();
-  // A page of this machine that was closed is nobody to care for.
+  // A closed page of this machine is not shown.
   const visitors = session.visitors.filter(({ role, present }) => present || role !== "operate");
   const present = visitors.filter((each) => each.present);
   const act: Act = async (what, words = {}) => setTrouble(await order(station, what, words));
@@ -133,7 +133,7 @@ function Row({ visitor, visitors, robots, act }: RowProps) {
   );
 }
 
-/** Gives a robot, takes it, or exchanges two. */
+/** Assign a robot, release it, or exchange two. */
 function Drives({ visitor, visitors, robots, act, called }: RowProps & { readonly called: string }) {
   const { visitor: id, robot, role, place } = visitor;
   if (role === "watch") return <span className="quiet">–</span>;
@@ -167,7 +167,7 @@ interface ConfirmedProps {
   readonly onSure: () => void;
 }
 
-/** A button that ends what cannot be brought back: the first click only asks. */
+/** A button for an irreversible action: the first click asks for confirmation. */
 function Confirmed({ testid, label, sure, tip, called, onSure }: ConfirmedProps) {
   const [asks, setAsks] = useState(false);
   useEffect(() => {

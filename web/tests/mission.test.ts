@@ -81,7 +81,7 @@ describe("missions", () => {
     expect(words(halt).slice(0, 3)).toEqual([
       "stopped",
       "All robots have stopped, 1 of 2 completed: 5 of 5 steps unlocked.",
-      "Nothing is secret any more.",
+      "All steps are readable now.",
     ]);
     const done = play([frame(2, { walks: [[1, "done", 5, 5, ""]] })], halt);
     expect(words(done).slice(0, 2)).toEqual(["done", "Mission completed: 5 of 5 steps unlocked, all robots have stopped."]);

@@ -41,7 +41,7 @@ describe("shields", () => {
       "whole",
       "Protected: 2 neighbours vouch for it",
       "Each vouches for a while: Bo 9 s, Cleo 4 s.",
-      "Without anything new it stops in 4 s.",
+      "Unless checked again, it stops in 4 s.",
       "It was not checked yet.",
     ]);
   });
@@ -67,17 +67,17 @@ describe("shields", () => {
       { auditor: B, auditee: A, refusal: "output wrong", at_ms: 2000 },
       { auditor: C, auditee: B, refusal: "", at_ms: 2000 },
     ]);
-    expect(words(refused).at(-1)).toBe("Last check, by Bo: failed. It did something else than its program says.");
+    expect(words(refused).at(-1)).toBe("Last check, by Bo: failed. It did not follow its program.");
     expect(words(refused, B).at(-1)).toBe("Last check, by Cleo: passed.");
     const again = play([told(0, [robot(A, 1, "Ada"), robot(B, 2, "Bo")], 3000)], refused);
-    expect(words(again).at(-1)).toContain("something else");
+    expect(words(again).at(-1)).toContain("did not follow");
     expect(play([frame(2, 9000, {})], refused).audits).toEqual([]);
   });
 
   test("who comes late is told the last verdict with the list, and sees no line for it", () => {
     const ada = { ...robot(A, 1, "Ada", [1, []]), audited: [2, "output wrong"] };
     const late = play([told(1, AREA), told(0, [ada, { ...robot(B, 2, "Bo"), audited: null }], 1000)]);
-    expect(words(late).at(-1)).toBe("Last check, by Bo: failed. It did something else than its program says.");
+    expect(words(late).at(-1)).toBe("Last check, by Bo: failed. It did not follow its program.");
     expect(words(late, B).at(-1)).toBe("It was not checked yet.");
     expect(late.audits).toEqual([]);
   });
@@ -86,7 +86,7 @@ describe("shields", () => {
     const stopped = play([frame(1, 2000, { shields: [[1, 1, []]] })], START);
     expect(words(stopped)[0]).toBe("stopped");
     expect(words(stopped)[1]).toBe("Stopped: too few neighbours vouch for it");
-    expect(words(stopped)[2]).toContain("obeys nobody");
+    expect(words(stopped)[2]).toContain("stays stopped");
   });
 
   test("no seconds are told while nothing is heard", () => {
@@ -118,7 +118,7 @@ describe("shields", () => {
         );
         expect(swarm.audits.length).toBeLessThanOrEqual(256);
         for (const known of swarm.robots.values()) expect(known.shield?.vouchers.length ?? 0).toBeLessThanOrEqual(32);
-        expect(words(swarm, B).at(-1)).toBe("Last check, by Ada: failed. Its records do not add up.");
+        expect(words(swarm, B).at(-1)).toBe("Last check, by Ada: failed. Its records are inconsistent.");
       }),
     );
   });

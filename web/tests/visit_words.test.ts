@@ -31,7 +31,7 @@ describe("a visitor reads", () => {
 
   test("why a command was refused, for a while", () => {
     const visit = here({}, { refused: { reason: "busy", at_ms: 1000 } });
-    expect(refusedWords(visit, 1500)).toBe("Another visitor drives this robot: only that one and the operator stop it");
+    expect(refusedWords(visit, 1500)).toBe("Another visitor drives this robot: only they and the operator can stop it");
     expect(refusedWords(visit, 5000)).toBe("");
     expect(refusedWords(here({}), 1500)).toBe("");
   });

@@ -1,4 +1,4 @@
-// A run on a page: the map, what plays it, and what happened up to now.
+// A page that shows a run: the map, its controls, and the events so far.
 
 import { useState, useSyncExternalStore } from "react";
 import { counting } from "../client";
@@ -70,7 +70,7 @@ export function App({ player }: { readonly player: Player }) {
           <section className="panel" aria-labelledby="events-title">
             <h2 id="events-title">{texts.untilNow(past.length)}</h2>
             {past.length === 0 && <p className="hint">{onMission ? texts.nothingDecoded : texts.noRefusals}</p>}
-            {/* Old and new ones keep their keys: a screen reader is not told all of it again. */}
+            {/* Entries keep their keys, so that a screen reader does not read them again. */}
             <ul className="events" data-testid="events" tabIndex={0} aria-label={texts.whatHappened}>
               {past.slice(-MOST_EVENTS).reverse().map(([at_s, robot, words], k) => (
                 <li key={past.length - k}>
@@ -88,7 +88,7 @@ export function App({ player }: { readonly player: Player }) {
   );
 }
 
-/** Only what can be on this map. */
+/** Only the symbols that can occur on this map. */
 function Legend({ audited, onMission }: { readonly audited: boolean; readonly onMission: boolean }) {
   return (
     <ul className="legend">

@@ -1,4 +1,4 @@
-// Plays a run: it is asked for until it has ended, and shown as it was at the moment that is played.
+// Play a run: load it until it has ended, and show it at the moment being played.
 
 import { NO_VISIT, type SwarmSource, type SwarmView } from "../client";
 import { type Line, Run } from "./run";
@@ -7,7 +7,7 @@ const TICK_MS = 50;
 const AGAIN_MS = 1000;
 export const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16, 32] as const;
 
-/** What the controls show. */
+/** State of the controls. */
 export interface Moment {
   readonly t_s: number;
   readonly playing: boolean;
@@ -22,7 +22,7 @@ export class Player implements SwarmSource {
   #view: SwarmView = { swarm: this.run.swarmAt(0, 1, 0), health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
   #before_ms = performance.now();
 
-  /** `paused`: who wants no motion begins it. */
+  /** `paused`: start paused, for users who prefer reduced motion. */
   constructor(paused: boolean) {
     this.#moment = { t_s: 0, playing: !paused, speed: 1, away: false };
     setInterval(() => this.#tick(), TICK_MS);
@@ -47,7 +47,7 @@ export class Player implements SwarmSource {
     this.#show();
   }
 
-  /** From the start, if it is at its end. */
+  /** Play or pause; at the end, play from the start. */
   toggle(): void {
     const { t_s, playing } = this.#moment;
     this.change({ playing: !playing, ...(!playing && t_s >= this.run.end_s && { t_s: 0 }) });
@@ -62,7 +62,7 @@ export class Player implements SwarmSource {
       const t = Math.min(t_s + passed_s * speed, this.run.end_s);
       this.#moment = { ...this.#moment, t_s: t, playing: !(this.run.ended && t >= this.run.end_s) };
     }
-    // Also while it stands: the map lets tokens run out by the clock.
+    // Also while paused: the map counts down tokens by the clock.
     this.#show();
   }
 
@@ -78,7 +78,7 @@ export class Player implements SwarmSource {
       let lines: Line[];
       try {
         const answer = await fetch(`/api/run?from=${had}&run=${run}`, { cache: "no-store" });
-        // Another run is served there now: it is not mixed with what this page has.
+        // Another run is served there now: the two are not mixed.
         if (answer.status === 409) {
           location.reload();
           return;

@@ -1,4 +1,4 @@
-// A run as the gateway tells it (src/phalanx/world/scenarios/scenes.py), and the swarm that the map draws of one moment of it.
+// A run as the gateway encodes it (src/phalanx/world/scenarios/scenes.py), and the swarm to draw at one moment of it.
 
 import {
   ACTIVE,
@@ -17,7 +17,7 @@ import {
 import { REFUSED_FOR_MS } from "../map/shields";
 import { viewer as texts } from "../texts";
 
-/** What happened at a moment: a robot's own words, or what another says of it. */
+/** An event of a robot, as text. */
 type Event = readonly [t_s: number, robot: number, words: string];
 type Verdict = readonly [t_s: number, auditor: number, auditee: number, refusal: string];
 
@@ -39,20 +39,20 @@ const HONEST: Rgb = { red: 0, green: 114, blue: 178 };
 const LIAR: Rgb = { red: 213, green: 94, blue: 0 };
 const TRAIL_STEPS = 60;
 const MOST_WITH_TRAILS = 200;
-/** Between steps that are further apart nobody is shown on the way. */
+/** Steps further apart than this are not interpolated. */
 const GLIDE_S = 1;
 const MOST_AUDITS = 256;
-/** Marks, and walls: all of them are drawn, many times a second. */
+/** Marks and walls to draw at most: all are drawn many times a second. */
 const MOST_DRAWN = 10_000;
 const MARGIN = 0.06;
 const LEAST_MM = 1000;
 
-/** What has come of a run so far. */
+/** The part of a run received so far. */
 export class Run {
   about: Readonly<Record<string, string>> = {};
   ended = false;
   readonly steps: Step[] = [];
-  /** Refusals and what else is worth a line, in their order. */
+  /** Refusals and other events to list, in order. */
   readonly events: Event[] = [];
   #box = { left: Infinity, right: -Infinity, bottom: Infinity, top: -Infinity };
   #area: Area = NO_SWARM.area;
@@ -88,7 +88,7 @@ export class Run {
     const places = [...step.at.map(([, x, y]) => [x, y] as const), ...(step.marks ?? [])];
     const ends = (step.walls ?? []).flatMap(([ax, ay, bx, by]) => [[ax, ay] as const, [bx, by] as const]);
     for (const [x, y] of [...places, ...ends]) this.#stretch(x, y);
-    // One by one: what is spread as arguments must fit the stack.
+    // One by one: spread arguments have to fit the stack.
     for (const [x, y] of step.marks ?? []) if (this.#marks.length < MOST_DRAWN) this.#marks.push({ t: step.t, x, y, type: "" });
     for (const wall of step.walls ?? []) if (this.#walls.length < MOST_DRAWN) this.#walls.push(wall);
     const refused = (step.audits ?? []).filter(([, , , refusal]) => refusal !== "");
@@ -102,14 +102,14 @@ export class Run {
     this.#box = { left: Math.min(left, x), right: Math.max(right, x), bottom: Math.min(bottom, y), top: Math.max(top, y) };
   }
 
-  /** On the map, whose y points down. */
+  /** A place on the map, whose y points down. */
   #shown(x: number, y: number): Point {
     const { left, right, bottom } = this.#box;
     const margin = (this.#area.width - (right - left)) / 2;
     return { x: x - left + margin, y: this.#area.height - (y - bottom) - margin };
   }
 
-  /** Which step is the newest at a moment; -1 before the first. */
+  /** Index of the newest step at a moment; -1 before the first. */
   indexAt(t_s: number): number {
     let [low, high] = [0, this.steps.length];
     while (low < high) {
@@ -120,7 +120,7 @@ export class Run {
     return low - 1;
   }
 
-  /** What is to be seen at a moment of the run, played so many times as fast as it was, by a clock that shows `now_ms`. */
+  /** The swarm at a moment of the run, played at `speed`, by a clock that shows `now_ms`. */
   swarmAt(t_s: number, speed: number, now_ms: number): Swarm {
     const i = Math.max(this.indexAt(t_s), 0);
     const [step, next] = [this.steps[i], this.steps[i + 1]];
@@ -131,7 +131,7 @@ export class Run {
     const lies = new Map(step.lies);
     const trails = step.at.length > MOST_WITH_TRAILS ? [] : this.steps.slice(Math.max(0, i - TRAIL_STEPS), i + 1);
     const robots = new Map<string, Robot>();
-    // Over the others: among two thousand whom it is about would be under one of them.
+    // Drawn last: among two thousand robots it could be hidden.
     const above = (number: number) => Number(lies.has(number) || shields.get(number)?.[0] === true);
     const inOrder = step.at.map((place, k) => ({ place, k })).sort((a, b) => above(a.place[0]) - above(b.place[0]));
     inOrder.forEach(({ place: [number, x, y, heading], k }) => {
@@ -195,7 +195,7 @@ export class Run {
         const at_ms = now_ms - ((t_s - at_s) * 1000) / speed;
         audits.push({ auditor: String(auditor), auditee: String(auditee), refusal, at_ms });
       }
-      // What a step tells ended after it.
+      // A step contains what ended after it.
       if (t <= from_s) break;
     }
     // Refusals last, and on top.

@@ -1,4 +1,4 @@
-// The page: with an invitation it drives the swarm, without one it says how to get one.
+// The visitor page: with an invitation it drives the swarm, without one it explains how to get one.
 
 import { type ReactNode, useCallback, useEffect, useMemo, useState } from "react";
 import {
@@ -28,7 +28,7 @@ const browser: Surroundings = { location: window.location, history: window.histo
 
 type Entry =
   | { readonly kind: "none"; readonly problem?: string | undefined }
-  /** A session's code was found, and a nickname is asked for. */
+  /** A session's code was found, and the page asks for a nickname. */
   | { readonly kind: "naming"; readonly code: SessionInvitation }
   | { readonly kind: "session"; readonly to: SessionTo };
 
@@ -43,17 +43,17 @@ export function App() {
   const name = useSwarm(link, ({ visit }) => visit.name);
 
   useEffect(() => {
-    // A code that has admitted us, or was refused, admits nobody again: a reload resumes.
+    // A used or refused code cannot be used again: a reload resumes.
     if (isSession && (stage === "here" || over === "code")) forgetCode(browser);
   }, [isSession, stage, over]);
 
   useEffect(() => {
-    // Scanning again in the same tab changes nothing but the fragment.
+    // Scanning again in the same tab changes only the fragment.
     const onHash = () => {
       const taken = takeFromAddress(browser);
       if (!taken) return;
       const next = enter(taken);
-      // A bad link does not take away the swarm that the visitor is driving.
+      // A bad link does not end the visitor's current connection.
       setEntry((now) => (next.kind !== "none" || now.kind === "none" ? next : now));
     };
     window.addEventListener("hashchange", onHash);
@@ -147,7 +147,7 @@ function codeProblem(entry: Entry): string {
   return isRoom ? texts.roomCodeWrong : texts.codeNotValid;
 }
 
-/** What to do with what was found: who was here before resumes, unless a ticket says more. */
+/** What to do with a found code: a known visitor resumes, unless a ticket gives more rights. */
 function enter({ code, problem }: Found): Entry {
   if (code) {
     const kept = resumeStore.find(code.fixed, Date.now() / 1000);
@@ -171,7 +171,7 @@ function sessionStorageOrNone(): Storage | undefined {
   try {
     return window.sessionStorage;
   } catch {
-    // Reading the property throws where site data is forbidden.
+    // Reading the property throws if site data is forbidden.
     return undefined;
   }
 }

@@ -1,4 +1,4 @@
-// The badge: one line that says whether all is well, and if not, what is wrong and what to do.
+// The badge: one line on the connection's state, and what to do about problems.
 
 import type { Health } from "../client";
 import { common, visitor as texts } from "../texts";
@@ -10,13 +10,13 @@ interface Words {
   readonly text: string;
 }
 
-/** Where the other end is: a broker, or the swarm itself. */
+/** The other end: a broker, or the swarm itself. */
 export interface Where {
   readonly via: "broker" | "direct";
   readonly host: string;
 }
 
-/** Plain words for the health of the link. `held`: the operator stopped all. */
+/** The connection's state as text. `held`: the operator stopped all robots. */
 export function badgeWords(health: Health, where: Where, robots: number, held = false): Words {
   const isDirect = where.via === "direct";
   switch (health.state) {
@@ -43,7 +43,7 @@ export function badgeWords(health: Health, where: Where, robots: number, held = 
   }
 }
 
-/** Host and port of a broker's URL, as people say it. */
+/** Host and port of a broker's URL. */
 export function hostOf(broker: string): string {
   const url = new URL(broker);
   return `${url.hostname}:${url.port || (url.protocol === "wss:" ? 443 : 80)}`;

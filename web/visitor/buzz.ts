@@ -1,6 +1,6 @@
-// A phone that buzzes is noticed by whoever looks at the robot.
+// Vibrate, to get the attention of a visitor who looks at the robot.
 
-/** Where phones have it, and browsers allow it: not before the visitor has touched the page. */
+/** Works where phones and browsers allow it: not before the visitor has touched the page. */
 export function buzz(...pattern_ms: readonly number[]): void {
   if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.([...pattern_ms]);
 }

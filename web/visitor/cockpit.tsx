@@ -33,7 +33,7 @@ export function Cockpit({ where, link, onLeave }: Props) {
   const mostWaypoints = useSwarm(link, ({ swarm }) => swarm.mostWaypoints);
   const onMission = useSwarm(link, ({ swarm }) => swarm.missions !== undefined);
 
-  // A robot that left is no longer driven; of a single one there is nothing to choose.
+  // A robot that left is no longer driven; a single one needs no choice.
   const only = roster.length === 1 ? roster[0]?.address : undefined;
   const entry = roster.find(({ address }) => address === chosen) ?? roster.find(({ address }) => address === only);
   const selected = entry?.address;
@@ -43,7 +43,7 @@ export function Cockpit({ where, link, onLeave }: Props) {
   const name = useSwarm(link, ({ visit }) => visit.name);
   const own = useSwarm(link, ({ visit }) => visit.standing?.robot ?? "");
   const refused = useSwarm(link, ({ visit, swarm }) => refusedWords(visit, swarm.at_ms));
-  // One in Safe Mode would ignore whatever it is told; what is said now would not reach any, or be refused to all.
+  // A robot in Safe Mode ignores commands; so do all robots while they are held or unreachable.
   const isLive = health.state === "live" && !held && drives;
   const steered = stopped ? undefined : selected;
   const obeying = isLive ? steered : undefined;
@@ -57,17 +57,17 @@ export function Cockpit({ where, link, onLeave }: Props) {
     [command],
   );
 
-  // The robot that one is given.
+  // The assigned robot.
   useEffect(() => {
     if (own !== "") setChosen(own);
   }, [own]);
 
-  // Driving the only one goes on when a second joins.
+  // The only robot stays chosen when a second one joins.
   useEffect(() => {
     if (only !== undefined) setChosen((now) => now ?? only);
   }, [only]);
 
-  // Another robot, another route: with the threshold that it has. Of one that was stopped, none.
+  // Another robot starts a new route, with its own threshold; a stopped robot has none.
   useEffect(() => {
     setDraft(NO_POINTS);
     setRouting(false);

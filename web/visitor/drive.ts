@@ -1,6 +1,6 @@
-// From a held stick to wheel commands: the page's half of the rule that a robot nobody drives stands still.
+// Turn a held stick into wheel commands, so that a robot that nobody drives stands still.
 //
-// While held, a command at each change and every 100 ms; on release exactly one zero. The gateway's half: 300 ms after the last it stops.
+// While held: a command at each change and every 100 ms; on release: exactly one zero. The gateway stops it after 300 ms.
 
 export interface Stick {
   /** -1 left … 1 right. */
@@ -16,16 +16,16 @@ export interface Wheels {
 
 export const DRIVE_EVERY_MS = 100;
 const FULL = 100;
-// A thumb that rests in the middle does not creep.
+// Dead zone: a thumb that rests in the middle must not move the robot.
 const DEAD_ZONE = 0.1;
 
-/** Wheel speeds, whole numbers within ±100. Saturated together, so that a curve stays the same curve. */
+/** Wheel speeds, whole numbers within ±100, scaled together so that a curve keeps its radius. */
 export function wheels({ x, y }: Stick): Wheels {
   if (Math.hypot(x, y) < DEAD_ZONE) return { left: 0, right: 0 };
   const left = y + x;
   const right = y - x;
   const scale = FULL / Math.max(1, Math.abs(left), Math.abs(right));
-  // `+ 0` because -0 is a number of its own, and JSON and people need not meet it.
+  // `+ 0` because -0 would show in JSON and in texts.
   return { left: Math.round(left * scale) + 0, right: Math.round(right * scale) + 0 };
 }
 
@@ -45,7 +45,7 @@ const KEYS: Readonly<Record<string, Stick>> = {
   KeyA: { x: -1, y: 0 },
   KeyD: { x: 1, y: 0 },
 };
-// A key has no half way: full speed and a turn that can still be aimed.
+// Keys are on or off: full speed, and a turn that can still be aimed.
 const KEY_FORWARD = 0.8;
 const KEY_TURN = 0.4;
 
@@ -53,7 +53,7 @@ export function isDriveKey(code: string): boolean {
   return Object.hasOwn(KEYS, code);
 }
 
-/** The stick that the held keys (KeyboardEvent.code) stand for; undefined when none drives. */
+/** The stick for the held keys (KeyboardEvent.code); undefined when none drives. */
 export function stickOfKeys(held: ReadonlySet<string>): Stick | undefined {
   const sticks = [...held].flatMap((code) => (isDriveKey(code) ? [KEYS[code]] : []));
   if (sticks.length === 0) return undefined;
@@ -67,12 +67,12 @@ export class Drive {
   #stick: Stick | undefined;
   #repeating: ReturnType<typeof setInterval> | undefined;
 
-  /** What is sent waits for a slot of the constant rate: of many changes within one the newest counts. */
+  /** Sent values wait for a slot of the constant rate; only the newest within a slot is sent. */
   constructor(send: (wheels: Wheels) => void) {
     this.#send = send;
   }
 
-  /** The stick is held here, from now until the next hold() or release(). */
+  /** The stick is held here until the next hold() or release(). */
   hold(stick: Stick): void {
     this.#stick = stick;
     this.#send(wheels(stick));
@@ -81,7 +81,7 @@ export class Drive {
     }, DRIVE_EVERY_MS);
   }
 
-  /** Stop the robot. Without effect when nothing is held. */
+  /** Stop the robot. No effect if nothing is held. */
   release(): void {
     if (this.#repeating === undefined) return;
     clearInterval(this.#repeating);

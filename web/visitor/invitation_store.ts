@@ -1,16 +1,16 @@
-// Where the page finds its invitation, and how it keeps its secret out of sight.
+// Where the page finds its invitation, and how it hides its secret.
 //
-// From the address (and removed from it at once, so that it stays in no history, screenshot or shared link), else from
-// this tab's session storage, where a code is kept until it has admitted us.
+// From the address, which is cleaned at once so that no history, screenshot or shared link has it; otherwise from this
+// tab's session storage, where a code is kept until it has admitted the visitor.
 
 import { BadInvitation, parseInvitation, sessionFragment, type SessionInvitation } from "../client";
 import { visitor as texts } from "../texts";
 
 const CODE_KEY = "phalanx.code";
-/** `pin` and `password` are those of links for programs in mode qrkey. */
+/** `pin` and `password` are in links for programs in mode qrkey. */
 const SECRETS = ["j", "pin", "password"];
 
-/** What is kept of the browser: passed in, so that it can be tested without one. */
+/** The browser's objects in use: passed in for tests. */
 export interface Surroundings {
   readonly location: { readonly href: string };
   readonly history: { replaceState(data: null, unused: string, url: string): void };
@@ -23,9 +23,9 @@ export interface Found {
 }
 
 /**
- * The invitation in the address, which is then removed from it; undefined if there is none.
+ * Take the invitation from the address, and remove it there; undefined if there is none.
  *
- * `problem` says in plain words why one was refused.
+ * `problem` has the reason if it was refused.
  */
 export function takeFromAddress(at: Surroundings): Found | undefined {
   const { href } = at.location;
@@ -36,7 +36,7 @@ export function takeFromAddress(at: Surroundings): Found | undefined {
   return readLink(href);
 }
 
-/** The invitation in a link that somebody pasted. */
+/** The invitation in a pasted link. */
 export function readLink(text: string): Found {
   try {
     return text.includes("#j=") ? { code: parseInvitation(text) } : { problem: texts.notTheLink };
@@ -45,12 +45,12 @@ export function readLink(text: string): Found {
   }
 }
 
-/** Keep a code until it has admitted us. */
+/** Keep a code until it has admitted the visitor. */
 export function keepCode(at: Surroundings, code: SessionInvitation): void {
   try {
     at.storage?.setItem(CODE_KEY, sessionFragment(code));
   } catch {
-    // Storage is full or forbidden: a reload has to scan again, and nothing else is lost.
+    // Storage is full or forbidden: after a reload the visitor has to scan again.
   }
 }
 
@@ -62,7 +62,7 @@ export function forgetCode(at: Surroundings): void {
   }
 }
 
-/** The code that this tab has not been admitted with yet. */
+/** The code that has not admitted this tab yet. */
 export function takeKept(at: Surroundings): Found {
   try {
     const code = at.storage?.getItem(CODE_KEY);

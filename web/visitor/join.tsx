@@ -1,4 +1,4 @@
-// The way into a session: a nickname, and for people without a camera the room code.
+// Join a session: a nickname and, for visitors without a camera, the room code.
 
 import { type SubmitEvent, useId, useState } from "react";
 import { BadInvitation, parseRoomCode, type Secret } from "../client";
@@ -10,7 +10,7 @@ interface NicknameProps {
   readonly onName: (name: string) => void;
 }
 
-/** Prefilled, so that it takes one tap. */
+/** Prefilled, so that one tap is enough. */
 export function useNickname(storage: Storage | undefined): readonly [string, (name: string) => void, () => string] {
   const [name, setName] = useState(() => lastNickname(storage) || madeUp(Math.random()));
   function take(): string {

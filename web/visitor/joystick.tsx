@@ -1,4 +1,4 @@
-// The virtual joystick: thumb, mouse or keyboard. Whatever takes the hand away from it stops the robot.
+// The virtual joystick: thumb, mouse or keyboard. The robot stops when input ends for any reason.
 
 import { type KeyboardEvent, type PointerEvent, useEffect, useLayoutEffect, useRef, useState } from "react";
 import { visitor as texts } from "../texts";
@@ -10,7 +10,7 @@ const CENTRE: Stick = { x: 0, y: 0 };
 const TRAVEL = 0.62;
 
 interface Props {
-  /** Identity stands for the robot: another function is another robot, and the first one is stopped. */
+  /** Its identity identifies the robot: with another function, the first robot is stopped. */
   readonly send: (wheels: Wheels) => void;
   readonly disabled: boolean;
   readonly robotName: string | undefined;
@@ -22,7 +22,7 @@ export function Joystick({ send, disabled, robotName }: Props) {
   const pointer = useRef<number>(undefined);
   const keys = useRef(new Set<string>());
 
-  // At once: an effect that comes a frame later would let go of what was pressed in between.
+  // Immediately: an effect one frame later would release a key pressed in between.
   useLayoutEffect(() => {
     const driving = new Drive(send);
     drive.current = driving;
@@ -73,7 +73,7 @@ export function Joystick({ send, disabled, robotName }: Props) {
   }
 
   function onPointerDown(event: PointerEvent<HTMLElement>) {
-    // A second finger on the pad does not steer.
+    // A second finger on the pad is ignored.
     if (disabled || pointer.current !== undefined || event.button !== 0) return;
     pointer.current = event.pointerId;
     event.currentTarget.setPointerCapture(event.pointerId);

@@ -1,4 +1,4 @@
-// The LED's colour: a palette for thumbs, and any colour for the curious.
+// The LED's colour: a palette, or any colour.
 
 import { useEffect, useRef } from "react";
 import { type Rgb, type SwarmLink, useSwarm } from "../client";
@@ -21,10 +21,10 @@ const PALETTE: readonly (readonly [keyof typeof texts.colours, string])[] = [
   ["white", "#ffffff"],
 ];
 
-/** Dragging in a colour picker makes a hundred changes a second; the robot gets ten. */
+/** A colour picker makes a hundred changes a second; ten are sent. */
 const SEND_EVERY_MS = 100;
 
-/** Give it the robot's address as key: another robot must not get the colour that was waiting for this one. */
+/** Use the robot's address as key: another robot must not receive a colour that waits for this one. */
 export function Led({ link, selected, command }: Props) {
   const led = useSwarm(link, ({ swarm }) => (selected === undefined ? undefined : swarm.robots.get(selected)?.led));
   const waiting = useRef<{ colour: string; timer: ReturnType<typeof setTimeout> | undefined }>(undefined);

@@ -1,4 +1,4 @@
-// A mission in words: how much is decoded, and how far the chosen robot is.
+// A mission's progress as text: decoded steps, and the state of the chosen robot.
 
 import { type Swarm, type SwarmLink, shortName, useSwarm, type Walk } from "../client";
 import { visitor as texts } from "../texts";
@@ -9,7 +9,7 @@ interface Props {
 }
 
 export function MissionWords({ link, selected }: Props) {
-  // A string: it renders again only when the words change, not at every frame.
+  // A string: it re-renders only when the text changes, not with every update.
   const words = useSwarm(link, ({ swarm }) => missionWords(swarm, selected));
   const [state, ...lines] = words.split("\n");
   if (state === "none") return null;
@@ -44,7 +44,7 @@ function overall(walks: readonly Walk[], count: string): readonly [string, strin
   return ["running", done > 0 ? texts.missionRunsOn(count, done, walks.length) : texts.missionRuns(count)];
 }
 
-/** How far a robot is, in plain words. */
+/** A robot's progress as text. */
 export function walkWords({ phase, decoded, of, why }: Walk): string {
   return texts.walks[phase](of > 0 ? `, ${texts.unlocked(decoded, of)}` : "", why === "" ? "" : ` (${why})`);
 }

@@ -1,4 +1,4 @@
-// What is said aloud of the robots that this visitor cares for: that one arrived, that one was stopped.
+// Announcements about this visitor's robots: arrived, or stopped.
 
 import { useEffect, useState } from "react";
 import { type Point, type Swarm, type SwarmLink, shortName } from "../client";
@@ -9,7 +9,7 @@ const SAID_FOR_MS = 6000;
 /** A robot rolls on a little after it has arrived. */
 const ROLLS_ON = 1.5;
 
-/** The newest of it, for a while; else "". `mine`: ends of the routes that this page sent, until robots arrive. */
+/** The newest announcement, for a while; otherwise "". `mine`: ends of routes that this page sent and robots still follow. */
 export function useNews(link: SwarmLink | undefined, selected: string | undefined, mine: Map<string, Point>): string {
   const [news, setNews] = useState("");
 
@@ -31,7 +31,7 @@ export function useNews(link: SwarmLink | undefined, selected: string | undefine
   }, [link, selected, mine]);
 
   useEffect(() => {
-    // The same words said again are no change, and would not be read out.
+    // Repeating the same text is no change, and would not be read out.
     const timer = setTimeout(() => setNews(""), SAID_FOR_MS);
     return () => clearTimeout(timer);
   }, [news]);
@@ -39,12 +39,12 @@ export function useNews(link: SwarmLink | undefined, selected: string | undefine
   return news;
 }
 
-/** What happened to a robot between two states of the swarm, if it is worth saying. `end`: of the route sent to it. */
+/** What happened to a robot between two states, if worth announcing. `end`: end of the route sent to it. */
 export function newsOf(before: Swarm, now: Swarm, address: string, end?: Point): string | undefined {
   const [was, is] = [before.robots.get(address), now.robots.get(address)];
   if (!was || !is) return undefined;
   if (is.shield?.safeMode && was.shield?.safeMode === false) return texts.wasStopped(shortName(is));
-  // A robot that nobody drives has routes of its own, before and after: only the end of this one counts.
+  // A robot that nobody drives follows its own routes: only the end of the sent one counts.
   const isNear = (point?: Point) =>
     point && end && Math.hypot(point.x - end.x, point.y - end.y) <= ROLLS_ON * was.threshold;
   const hasArrived = isNear(was.waypoints.at(-1)) && !isNear(is.waypoints.at(-1)) && isNear(is.position);

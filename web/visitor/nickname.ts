@@ -1,9 +1,9 @@
-// A nickname to begin with: the one that was used last, else one that is easy to say and seldom taken.
+// The initial nickname: the last one used, or a random one that is easy to say.
 
 import { visitor as texts } from "../texts";
 
 const KEY = "phalanx.nickname";
-/** The server cuts it there. */
+/** The server truncates longer ones. */
 export const NICKNAME_MAX = 32;
 
 /** `chance` is in [0, 1). */
@@ -25,6 +25,6 @@ export function keepNickname(storage: Pick<Storage, "setItem"> | undefined, name
   try {
     storage?.setItem(KEY, name);
   } catch {
-    // Full or forbidden: the next one is made up.
+    // Full or forbidden: the next visit gets a random name.
   }
 }

@@ -1,4 +1,4 @@
-// Without an invitation: what to do, and two ways to bring one along by hand.
+// Without an invitation: instructions, and two ways to enter one by hand.
 
 import { type SubmitEvent, useId, useState } from "react";
 import type { Secret } from "../client";

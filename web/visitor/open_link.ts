@@ -1,4 +1,4 @@
-// Opens the transport that an invitation needs. The MQTT client is larger than all the rest: who needs none loads none.
+// Open the transport for an invitation. The MQTT client, the largest part, is loaded only if needed.
 
 import { ResumeStore, browserStores, SessionConnection, type SessionTo } from "../client";
 

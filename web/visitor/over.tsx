@@ -1,4 +1,4 @@
-// Instead of the map: a session that waits for approval, or has ended.
+// Shown instead of the map while a session waits for approval, or after it has ended.
 
 import type { OverReason } from "../client";
 import { Mixed, visitor as texts } from "../texts";

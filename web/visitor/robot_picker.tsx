@@ -1,4 +1,4 @@
-// Choosing a robot from the list, one line about it, and what can be done to it besides driving.
+// Choose a robot from the list, with a line about it and its actions.
 
 import { useEffect, useState } from "react";
 import { ACTIVE, driversOf, INACTIVE, label, type SwarmLink, type SwarmView, useSwarm } from "../client";
@@ -10,10 +10,10 @@ interface Props {
   readonly link: SwarmLink | undefined;
   readonly selected: string | undefined;
   readonly onSelect: (address: string | undefined) => void;
-  /** Whether the robot obeys now. */
+  /** Whether the robot accepts commands now. */
   readonly obeys: boolean;
   readonly onClearTrail: () => void;
-  /** Undefined where robots take no routes. */
+  /** Undefined if robots take no routes. */
   readonly route: { readonly tapping: boolean; readonly onTapping: (on: boolean) => void; readonly onStop: () => void } | undefined;
 }
 
@@ -69,7 +69,7 @@ export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, rou
 }
 
 function About({ link, selected }: { readonly link: SwarmLink | undefined; readonly selected: string | undefined }) {
-  // A string: it renders again only when the words change, not at every frame.
+  // A string: it re-renders only when the text changes, not with every update.
   const words = useSwarm(link, ({ swarm }) => {
     const robot = selected === undefined ? undefined : swarm.robots.get(selected);
     if (!robot) return texts.tapOne;
@@ -96,13 +96,13 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
         </strong>
       )}
       {others !== "" ? " · " : ""}
-      {/* Two lines, or the joystick below would move. */}
+      {/* Always two lines, or the joystick below would move. */}
       {(selected !== undefined || standing === "") && words}
     </p>
   );
 }
 
-/** Who else drives a robot; "" if nobody does. Visitors of published pages have no names. */
+/** Other drivers of a robot; "" if there are none. Visitors of published pages have no names. */
 export function othersWords({ swarm, visit }: SwarmView, address: string | undefined): string {
   const others = driversOf(swarm, address, visit.name);
   const [name = ""] = others;
@@ -111,7 +111,7 @@ export function othersWords({ swarm, visit }: SwarmView, address: string | undef
   return name !== "" ? texts.drivesIt(name) : texts.anotherDrives;
 }
 
-/** What this visitor may do, and how long: the clock goes on between two updates. */
+/** This visitor's rights and remaining time, which is counted down between updates. */
 function useStanding(link: SwarmLink | undefined): string {
   const visit = useSwarm(link, (view) => view.visit);
   const isLimited = (visit.standing?.left_ms ?? 0) > 0;

@@ -1,5 +1,5 @@
-// A route: tapped on the map, then sent in one command. It stands where the joystick stands, so that a phone shows it
-// together with the map.
+// A route: tapped on the map, then sent in one command. It replaces the joystick, so that a phone shows it together
+// with the map.
 
 import { type Point, type SwarmLink, useSwarm } from "../client";
 import { visitor as texts } from "../texts";

@@ -1,4 +1,4 @@
-// The chosen robot's shield in plain words; behind a tap who vouches, for how long, and how its last audit ended.
+// The chosen robot's shield as text; after a tap also its vouchers, their remaining times, and its last audit.
 
 import { counting, type Health, LOW_MS, type Robot, sentence, type Swarm, type SwarmLink, shortName, useSwarm, type Voucher } from "../client";
 import { visitor as texts } from "../texts";
@@ -9,7 +9,7 @@ interface Props {
 }
 
 export function ShieldWords({ link, selected }: Props) {
-  // A string: it renders again only when the words change, not at every frame.
+  // A string: it re-renders only when the text changes, not with every update.
   const words = useSwarm(link, ({ swarm, health }) => shieldWords(swarm, selected, isHeard(health)));
   const [state, line, ...details] = words.split("\n");
   if (state === "none") return null;
@@ -30,12 +30,12 @@ export function ShieldWords({ link, selected }: Props) {
   );
 }
 
-/** Whether what the swarm says arrives now. */
+/** Whether updates arrive now. */
 function isHeard({ state }: Health): boolean {
   return state === "live";
 }
 
-/** The shield's state, the line that is always shown, and the details behind it; as of the newest state update. */
+/** The shield's state: the line always shown, and details; as of the newest state update. */
 export function shieldWords(swarm: Swarm, selected: string | undefined, heard = true): string {
   const { terms, at_ms } = swarm;
   if (swarm.unprotected !== "") return `unprotected\n${sentence(swarm.unprotected)}.`;
@@ -44,13 +44,13 @@ export function shieldWords(swarm: Swarm, selected: string | undefined, heard = 
   if (!robot?.shield) return ["unknown", texts.checkEachOther, texts.whatRingsMean, texts.whatLinesMean].join("\n");
   const check = lastCheck(swarm, robot);
   if (robot.shield.safeMode) return ["stopped", texts.tooFewVouched, texts.obeysNobody, check].join("\n");
-  // Seconds that stand still would be believed.
+  // A stopped countdown would look valid.
   if (!heard) return ["unknown", texts.protectionUnknown, check].join("\n");
   const vouchers = counting(robot.shield, terms, at_ms);
   const left = ({ until_ms }: Voucher) => Math.ceil((until_ms - at_ms) / 1000);
   const names = vouchers.map((each) => texts.voucher(nameOf(swarm, each.auditor), left(each))).join(", ");
   const vouched = names === "" ? texts.nobodyVouches : texts.vouchFor(names);
-  // With the last one needed the robot is stopped.
+  // Without the last needed voucher the robot is stopped.
   const last = vouchers[terms.needed - 1];
   if (!last) return ["thin", texts.tooFewVouch(vouchers.length, terms.needed), vouched, check].join("\n");
   const isLow = last.until_ms - at_ms < LOW_MS;
@@ -63,7 +63,7 @@ function lastCheck(swarm: Swarm, { audited }: Robot): string {
   const auditor = swarm.robots.get(audited.auditor);
   const by = auditor ? shortName(auditor) : texts.aRobotThatLeft;
   if (audited.refusal === "") return texts.checkPassed(by);
-  // The operator's page has the auditor's own words.
+  // The operator's page shows the auditor's original text.
   return texts.checkFailed(by, /^output|^checkpoint wrong/.test(audited.refusal) ? texts.didSomethingElse : texts.recordsDoNotAddUp);
 }
 

@@ -1,9 +1,9 @@
-// A visitor's own session in plain words.
+// A visitor's own session as text.
 
 import { type OverReason, shortName, type Swarm, type Visit } from "../client";
 import { visitor as texts } from "../texts";
 
-/** Why it is over: a title, what to do, and the label of a button that tries again. */
+/** Why it is over: a title, instructions, and the label of a button to retry. */
 export interface OverWords {
   readonly title: string;
   readonly text: string;
@@ -17,12 +17,12 @@ export function overWords(reason: OverReason): OverWords {
 
 const REFUSED_FOR_MS = 4000;
 
-/** Why the newest command was refused, for a while; else "". */
+/** Why the newest command was refused, for a while; otherwise "". */
 export function refusedWords({ refused }: Visit, now_ms: number): string {
   return refused && now_ms - refused.at_ms < REFUSED_FOR_MS ? texts.refused[refused.reason] : "";
 }
 
-/** What this visitor may do now, in one sentence; "" when there is nothing to say. */
+/** This visitor's current rights in one sentence; "" if there is nothing to say. */
 export function standingWords(visit: Visit, swarm: Swarm, now_ms: number): string {
   const { standing } = visit;
   if (visit.stage !== "here" || !standing) return "";

@@ -38,12 +38,12 @@ def arena(
     keep: Path | None,
     record: Path | None,
     as_json: bool,
-    **said: Any,
+    **options: Any,
 ) -> int:
-    """Run robots as processes, and sum it up on stdout."""
-    weather = RadioConditions(**{each.name: said.pop(each.name) for each in fields(RadioConditions)})
-    liars = find_attacks(attacks) if attacks else None
-    chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
+    """Run the robots of a scenario as processes, and print a summary. Return 1 if a process failed."""
+    conditions = RadioConditions(**{each.name: options.pop(each.name) for each in fields(RadioConditions)})
+    chosen_attacks = find_attacks(attacks) if attacks else None
+    chosen = sim.changed(find_scenario(scenario), options, attacks=chosen_attacks)
     chosen, own = find_controller(controller, chosen, in_python=True)
     if loss is not None:
         chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
@@ -58,16 +58,16 @@ def arena(
     sim.warn(chosen)
     with contextlib.ExitStack() as stack:
         folder = _folder(keep, stack)
-        tell, check = sim.progress(chosen.duration_s), stack.enter_context(ctrl_c_between_steps())
+        show_progress, check = sim.progress(chosen.duration_s), stack.enter_context(ctrl_c_between_steps())
 
         def on_step(run: Run) -> None:
-            tell(run)
+            show_progress(run)
             check()
 
         recording = stack.enter_context(Recording(record, chosen)) if record else None
         try:
             with mistakes_in(controller, planner, *attacks):
-                field = play_in_arena(chosen, folder, weather, on_step, recording, changes)
+                field = play_in_arena(chosen, folder, conditions, on_step, recording, changes)
         except KeyboardInterrupt:
             return stopped()
     end_status_line()
@@ -83,16 +83,16 @@ def arena(
             ended = "never in Safe Mode" if at_s is None else f"in Safe Mode at {at_s:.1f} s"
             print_rows({f"{each['attack']}, robot {each['robot']}": ended})
         if shares:
-            words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late, "
+            words = f"{100 * max(shares):.1f} % of a core at most, readings up to {max(late):.0f} ms late, "
             words += memory_words(max((each for each in summary["processes"] if "memory_kb" in each), key=grown_kb))
-            print_rows({"a daemon takes": words})
+            print_rows({"per daemon": words})
     for robot, (how, at_s) in sorted(field.failed.items()):
-        click.echo(f"phalanx: error: robot {robot} {how}, within {at_s:.0f} s: nobody stopped it", err=True)
+        click.echo(f"phalanx: error: robot {robot} {how}, within {at_s:.0f} s, without being stopped", err=True)
     return int(bool(field.failed))
 
 
 def _beside(words: str | None) -> str:
-    """FILE.py:CLASS, or unix:PATH, as it is called from any folder."""
+    """Return FILE.py:CLASS or unix:PATH with an absolute path, valid in any working directory."""
     kind, colon, rest = str(words).partition(":")
     if kind in ("unix", "udp"):
         return f"unix:{Path(rest).resolve()}" if kind == "unix" else str(words)
@@ -105,7 +105,7 @@ def _folder(keep: Path | None, stack: contextlib.ExitStack) -> Path:
     try:
         keep.mkdir(mode=0o700)
     except FileExistsError as error:
-        raise UsageError(f"{keep} is there already", "another name: keys are never overwritten") from error
+        raise UsageError(f"{keep} exists", "use another name: existing keys are never overwritten") from error
     except OSError as error:
-        raise UsageError(f"cannot make {keep}: {error.strerror}", "a folder that is yours") from error
+        raise UsageError(f"cannot create {keep}: {error.strerror}", "use a folder that you can write to") from error
     return keep

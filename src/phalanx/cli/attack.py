@@ -1,4 +1,4 @@
-"""`phalanx attack run`: one attack, and what a defence makes of it."""
+"""`phalanx attack run`: run one attack against one defence, and print the outcome."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from .mission.crack import span
 from .sim import TYPED, changed, named, progress, told, warn
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
 
-DURATION_S = 150.0  # the paper's
+DURATION_S = 150.0  # as in the paper
 
 
-def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: Any) -> int:
-    """Runs an attack beside the same run without it; 1 if something did not come as declared."""
+def run(name: str, defence: Any, controller: str | None, as_json: bool, **options: Any) -> int:
+    """Run an attack, and the same run without it. Return 1 if the outcome differs from the declared one."""
     with said_aside():
         first = find_attack(name)
     if not (first.own or first.name in known_attacks()):
         raise UsageError(
-            f"no attack {first.name!r}", f"{did_you_mean(first.name, known_attacks())}phalanx attack list has all"
+            f"no attack {first.name!r}", f"{did_you_mean(first.name, known_attacks())}phalanx attack list shows all"
         )
     trial: FlockTrial | MissionTrial | TeamTrial
     goal_m: tuple[float, float] | None = None
     if first.attack.in_swarm:
         with said_aside(), mistakes_in(controller, name):
-            trial, goal_m = _try_in_flock(first, said, defence, controller)
+            trial, goal_m = _try_in_flock(first, options, defence, controller)
     elif first.attack.scene == "team":
-        trial = _try_in_team(name, first, said | {"controller": controller}, defence)
+        trial = _try_in_team(name, first, options | {"controller": controller}, defence)
     else:
-        seed = said.pop("seed") or 0
-        options = _options_of(name, first, said | {"controller": controller})
-        trial = try_mission_attack(first.attack, defence, seed, options)
+        seed = options.pop("seed") or 0
+        given = _options_of(name, first, options | {"controller": controller})
+        trial = try_mission_attack(first.attack, defence, seed, given)
     if as_json:
         more = {}
         if isinstance(trial, FlockTrial):
@@ -56,57 +56,58 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
 
 
 def _try_in_flock(
-    first: AttackSpec, said: dict[str, Any], defence: Any, controller: str | None
+    first: AttackSpec, options: dict[str, Any], defence: Any, controller: str | None
 ) -> tuple[FlockTrial, tuple[float, float] | None]:
-    """What it came to, and where the swarm goes; None if only its controller knows."""
-    protocol = first.attack.against or controller  # of the flock's attacks none is against anything
-    on_stage = protocol in PROTOCOLS
-    swarm = find_scenario(str(protocol)) if on_stage else Scenario(name="attack", duration_s=DURATION_S)
-    scenario = changed(swarm, said, defence=defence)
+    """Return the outcome, and the goal of the swarm, or None if only its controller knows the goal."""
+    protocol = first.attack.against or controller  # attacks on the flock have no `against`
+    is_protocol = protocol in PROTOCOLS
+    swarm = find_scenario(str(protocol)) if is_protocol else Scenario(name="attack", duration_s=DURATION_S)
+    scenario = changed(swarm, options, defence=defence)
     if first.at_s >= scenario.duration_s:
         raise UsageError(
             f"{first.name} begins at {first.at_s:g} s, when the run of {scenario.duration_s:g} s is over",
-            f"a longer --duration, or {first.name}:at=T",
+            f"use a longer --duration, or {first.name}:at=T",
         )
     others = first.attack.liars(scenario.bti.f_max) - 1
     scenario = replace(scenario, attacks=(first, *(replace(first, robot=None),) * others))
     scenario, own = find_controller(controller, scenario)
     warn(scenario)
-    tell = {which: progress(scenario.duration_s, f"{which}: ") for which in ("attacked", "honest")}
+    report = {which: progress(scenario.duration_s, f"{which}: ") for which in ("attacked", "honest")}
     try:
-        unknown = own or on_stage or is_file(scenario.controller)
-        return try_attack(scenario, lambda which, run: tell[which](run), own), None if unknown else scenario.goal_m
+        unknown = own or is_protocol or is_file(scenario.controller)
+        return try_attack(scenario, lambda which, run: report[which](run), own), None if unknown else scenario.goal_m
     finally:
         end_status_line()
 
 
-def _try_in_team(words: str, first: AttackSpec, said: dict[str, Any], defence: Any) -> TeamTrial:
-    seed = said.pop("seed") or 0
-    first.attack.check(_options_of(words, first, said))
-    tell = Progress().tell
+def _try_in_team(words: str, first: AttackSpec, options: dict[str, Any], defence: Any) -> TeamTrial:
+    seed = options.pop("seed") or 0
+    first.attack.check(_options_of(words, first, options))
+    report = Progress().tell
     try:
         return try_in_team(
-            first.attack, defence, seed, lambda share: tell(f"{100 * share:.0f} % of both runs simulated", share)
+            first.attack, defence, seed, lambda share: report(f"{100 * share:.0f} % of both runs simulated", share)
         )
     finally:
         end_status_line()
 
 
 def _options_of(words: str, spec: AttackSpec, swarm: Mapping[str, Any]) -> dict[str, float | str]:
-    """The options of an attack on a mission; what is said of a swarm, which it does not have, is refused."""
+    """Return the options of an attack on a mission. Raises: UsageError: options that only a swarm has."""
     wrong = [TYPED.get(name, f"--{name}") for name, value in swarm.items() if value is not None]
     wrong += [name for name in ("robot", "until") if f"{name}=" in words]
     if wrong:
-        raise UsageError(f"{spec.name} with {', '.join(wrong)}", "an attack on a mission is tried on one robot")
+        hint = "leave it out: an attack on a mission runs on one robot"
+        raise UsageError(f"{spec.name} with {', '.join(wrong)}", hint)
     return {**spec.options, "at": spec.at_s} if "at=" in words else dict(spec.options)
 
 
 def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: tuple[float, float] | None) -> None:
     against = f", against {attack.against}" if attack.against else ""
-    kept = "" if isinstance(trial, FlockTrial) else f": {'NOT SO' if trial.broken else 'so it is'}"
+    kept = "" if isinstance(trial, FlockTrial) else f": {'NOT AS DECLARED' if trial.broken else 'as declared'}"
     rows = {
         "attack": f"{trial.attack}{against}: {attack.does}",
-        "defence": trial.defence + (f", which should make it: {trial.declared}{kept}" if attack.stopped_by else ""),
+        "defence": trial.defence + (f", declared outcome: {trial.declared}{kept}" if attack.stopped_by else ""),
     }
     if trial.declared == "stopped" and attack.stopped_by:
         rows["stopped by"] = attack.stopped_by
@@ -119,7 +120,7 @@ def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: 
     elif trial.declared == "not covered":
         rows["harm"] = harm
     else:
-        rows["harm"] = f"{harm} (from {trial.harm_bites_from:g} on it counts)"
+        rows["harm"] = f"{harm} (counts from {trial.harm_bites_from:g} on)"
     print_rows(rows | (_flock(trial, goal_m) if isinstance(trial, FlockTrial) else _mission(trial)))
 
 
@@ -133,8 +134,8 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
             f"{told(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
             f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack"
         )
-    for counted_, done in attacked.get("task", {}).items():
-        rows[counted_] = f"{told(done, 'g')}, {told(honest['task'][counted_], 'g')} without the attack"
+    for task, done in attacked.get("task", {}).items():
+        rows[task] = f"{told(done, 'g')}, {told(honest['task'][task], 'g')} without the attack"
     rows |= {
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "stopped with a quorum": _wronged(trial),
@@ -148,10 +149,10 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
 
 
 def _wronged(trial: FlockTrial) -> str:
-    who = named(trial.attacked["correct_in_safe_mode"])
+    stopped = named(trial.attacked["correct_in_safe_mode"])
     if trial.wronged is None:
-        return f"{who}; no promise is made here"
-    return f"{who}: promise P2 is {'BROKEN' if trial.wronged else 'kept'}"
+        return f"{stopped}; no promise applies"
+    return f"{stopped}: promise P2 is {'BROKEN' if trial.wronged else 'kept'}"
 
 
 def _ended(trial: FlockTrial, stop: Stop) -> str:
@@ -167,18 +168,18 @@ def _airtime(each: Airtime) -> str:
     kept = "kept" if each.used_s <= each.bucket_s else "BROKEN"
     on_air = f"{100 * each.on_air_s / each.seconds:.2f} %" if each.seconds else "nothing"
     return (
-        f"{1000 * each.used_s:.1f} ms of AUDIT frames in {each.seconds:.2f} s, each counted once; its bucket lets out "
-        f"{1000 * each.bucket_s:.1f} ms: {kept}; with all tries on the air {on_air} of the time"
+        f"{1000 * each.used_s:.1f} ms of AUDIT packets in {each.seconds:.2f} s without retries; its bucket allows "
+        f"{1000 * each.bucket_s:.1f} ms: {kept}; with retries on the air {on_air} of the time"
     )
 
 
 def _bound(trial: FlockTrial) -> str:
     if trial.bound_s is None:
-        return "none is promised"
+        return "none promised"
     if all(stop.first_deviation_s is None for stop in trial.stops):
-        return "not tested: nobody deviated"
-    longer = f", {trial.missing_s:g} s more where an output was missing" if trial.missing_s else ""
-    # Of those that deviated, who is neither stopped nor late yet.
+        return "not tested: no robot deviated"
+    longer = f", {trial.missing_s:g} s more for a missing output" if trial.missing_s else ""
+    # Whether a robot deviated and is neither stopped nor late yet.
     open_end = any(stop.first_deviation_s is not None and stop.safe_mode_s is None for stop in trial.stops)
     kept = "BROKEN" if not trial.stopped_in_time else "not tested: the run ended before it" if open_end else "kept"
     return f"{trial.bound_s:.3f} s from deviation to Safe Mode{longer}: {kept}"
@@ -187,13 +188,13 @@ def _bound(trial: FlockTrial) -> str:
 def _team(trial: TeamTrial) -> dict[str, str]:
     began = "never deviated" if trial.deviated_s is None else f"deviated at {trial.deviated_s:.2f} s"
     end = "is not in Safe Mode" if trial.stopped_s is None else f"in Safe Mode at {trial.stopped_s:.2f} s"
-    allowed = "" if trial.bound_s is None else f" ({trial.bound_s:.3f} s from one to the other allowed)"
+    allowed = "" if trial.bound_s is None else f" ({trial.bound_s:.3f} s allowed in between)"
     refused = ", ".join(f"{why} ({count} times)" for why, count in trial.refusals.items())
     stopped = ", ".join(map(str, trial.in_safe_mode))
     return {
         "robot 1": f"{began}, {end}{allowed}",
-        "its auditors said": refused or "nothing",
-        "the others": f"{trial.completed} of {trial.others} completed the mission; in Safe Mode: {stopped or 'none'}",
+        "refused audits": refused or "none",
+        "other robots": f"{trial.completed} of {trial.others} completed the mission; in Safe Mode: {stopped or 'none'}",
     }
 
 
@@ -209,23 +210,23 @@ def _robot(robot: ErrandOutcome) -> dict[str, str]:
     last = "" if robot.from_last_m is None else f", {robot.from_last_m:.2f} m from its last validated node"
     return {
         **rows,
-        "at the end": f"{robot.pose_error_m:.2f} m from where it believes to be{last}",
-        "false fixes": f"{robot.false_fixes}, the worst by {robot.worst_fix_m:.2f} m" if robot.false_fixes else "none",
+        "at the end": f"{robot.pose_error_m:.2f} m pose error{last}",
+        "false fixes": f"{robot.false_fixes}, worst error {robot.worst_fix_m:.2f} m" if robot.false_fixes else "none",
     }
 
 
 def _walked(robot: ErrandOutcome) -> str:
     if robot.refused:
-        return f"refuses the mission: {robot.refused}"
-    end = "done" if robot.done else "holds" if robot.held else "still on its way"
-    did = ", ".join(f"{action} (WRONG)" if action in robot.wrong_actions else action for action in robot.actions)
+        return f"refused the mission: {robot.refused}"
+    end = "completed" if robot.done else "holding" if robot.held else "under way"
+    actions = ", ".join(f"{action} (WRONG)" if action in robot.wrong_actions else action for action in robot.actions)
     why = f"; not validated: {', '.join(robot.not_validated)}" if robot.not_validated else ""
-    return f"{end} after {robot.t_s:.1f} s, {len(robot.decoded)} nodes; did {did or 'nothing'}{why}"
+    return f"{end} after {robot.t_s:.1f} s, {len(robot.decoded)} nodes; actions: {actions or 'none'}{why}"
 
 
 def _guessed(guess: GuessOutcome) -> dict[str, str]:
     rows = {"read": f"{guess.read} of {guess.nodes} nodes"}
     if guess.tries:
         rows["tried"] = f"{guess.tries} in {span(guess.seconds)} on one core, {guess.tries_per_s:.3g}/s"
-        rows["in all"] = f"{guess.candidates:.3g} tries: {span(guess.whole_s)} at this rate"
+        rows["full search"] = f"{guess.candidates:.3g} tries: {span(guess.whole_s)} at this rate"
     return rows

@@ -1,4 +1,4 @@
-"""QR codes in a terminal."""
+"""Draw QR codes in a terminal."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Any
 import segno
 
 MANY_DIGITS = re.compile(r"([0-9]{12,})")
-BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's and may be anything
+BLACK, WHITE = 16, 231  # of the 256 colours: a terminal's theme can redefine the first sixteen
 
 
 def qr_text(url: str, border: int = 2, *, colour: bool) -> str:
-    """Return the QR code of `url`, two modules a character: with colour black on white, whatever the terminal's theme.
+    """Return the QR code of `url`, two modules per character: with colour, black on white in every theme.
 
-    Without colour its light modules are drawn: right on a dark background, and most phones read it on a light one too.
+    Without colour the light modules are drawn. That is correct on a dark background, and most phones also read it on a
+    light one.
     """
-    # The pin as a number of its own takes 130 bits for 312: a code one size smaller, which fits 24 lines.
+    # As a separate numeric segment the pin takes 130 bits, not 312: the code is one size smaller and fits 24 lines.
     parts: Any = [part for part in MANY_DIGITS.split(url) if part]  # segno's types know only one part
     rows = [list(row) for row in segno.make_qr(parts, error="l").matrix_iter(border=border)]
     if len(rows) % 2:

@@ -1,4 +1,4 @@
-"""What the Tab key offers beside commands and options: names that come with the package, and files of their kind."""
+"""Shell completion of arguments: bundled names and files of the fitting type."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
-    """Complete a word to one of `names`, or a file with one of `endings` (".yaml"), or else to any file.
+    """Return a completer that offers `names` and files with one of `endings` (".yaml"), or else any file.
 
-    Behind a whole name of Python's it offers classes. Names are asked for when somebody presses Tab.
+    After FILE.py: it offers the classes in that file. `names` is called only on completion.
     """
 
     def complete(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -30,14 +30,14 @@ def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
             return [CompletionItem(f"{path}:{each}") for each in known if each.startswith(name)]
         words = sorted([*names(), *(f"./{path}" if begun.startswith("./") else str(path) for path in files)])
         fitting = [CompletionItem(word) for word in words if word.startswith(begun)]
-        # The shell offers files itself, and goes into folders.
+        # The shell completes files itself, including subfolders.
         return fitting or ([CompletionItem(begun, type="file")] if endings else [])
 
     return complete
 
 
 def _classes(path: Path) -> list[str]:
-    """What a file's classes are called; none if it is no Python. It is read, and not run."""
+    """Return the public classes that a Python file defines, or [] if it cannot be parsed. The file is not executed."""
     try:
         parts = ast.parse(path.read_bytes()).body
     except (OSError, SyntaxError, ValueError):

@@ -1,6 +1,6 @@
-"""Read the operator's secrets from files, the terminal or the environment, which only this package reads.
+"""Read the operator's secrets from files, the terminal or the environment.
 
-Signing keys are PEM, of OpenSSL or `phalanx keys export`.
+Only the package cli reads the environment. Signing keys are PEM files of OpenSSL or `phalanx keys export`.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from phalanx.errors import UsageError
 from phalanx.net import Login
 from phalanx.net.private_file import check_private
 
-SHORTEST = 12  # letters of a passphrase
-KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
+SHORTEST = 12  # characters of a new passphrase
+KEY_HINT = "create a key: openssl genpkey -algorithm ed25519 -out operator.pem"
 MOST_BYTES = 1 << 16
 
 
 def read_login(path: Path | None) -> Login | None:
-    """Return the broker's login from a file, which is never repeated, or the environment.
+    """Return the broker's login from a file or, without one, from the environment.
 
-    Raises: UsageError: the file holds no user:password, or SSL_CERT_FILE, by which brokers are known, no certificates.
+    Raises: UsageError: the file has no user:password, or SSL_CERT_FILE, the trusted authorities, has no certificates.
     """
     _check_authorities()
     username = os.environ.get("PHALANX_BROKER_USERNAME", "")
@@ -40,39 +40,39 @@ def read_login(path: Path | None) -> Login | None:
 
 
 def _check_authorities() -> None:
-    # OpenSSL says nothing of a file that is not there, and then trusts nobody.
+    # OpenSSL ignores a missing file without an error, and then trusts no server.
     if file := os.environ.get("SSL_CERT_FILE"):
         try:
             ssl.create_default_context(cafile=file)
         except OSError as error:
             reason = "no certificate in it" if isinstance(error, ssl.SSLError) else error.strerror
-            hint = _hint_of(error, Path(file), "the file of an authority of your own, PEM")
+            hint = _hint_of(error, Path(file), "use a PEM file with the certificate of your authority")
             raise UsageError(f"SSL_CERT_FILE is {file}: {reason}", hint) from error
 
 
 def login_for(broker: str, path: Path | None) -> Login | None:
-    """The same, for a broker by this name or URL. Raises: UsageError: as `read_login`, or a file for one of our own."""
+    """Return the login for a broker. Raises: UsageError: as `read_login`, or a login for a broker that we start."""
     from phalanx.net.broker import is_ours  # noqa: PLC0415 - missions need no broker
 
     if is_ours(broker) and path is not None:
-        raise UsageError("a login for a broker of our own", "give it with a --broker URL only")
+        raise UsageError("--broker-login with --broker mosquitto", "use it with a --broker URL only")
     return read_login(path)
 
 
 def login_in(path: Path | None) -> Login | None:
-    """Return the login in a file, if one is given. Raises: UsageError: as `read_login`."""
+    """Return the login in a file, or None without a file. Raises: UsageError: as `read_login`."""
     if path is None:
         return None
-    username, colon, password = first_line(path, "a file with one line user:password").partition(":")
+    username, colon, password = first_line(path, "use a file with one line: user:password").partition(":")
     if not (username and colon):
-        raise UsageError(f"{path} does not hold user:password", "one line, the name first")
+        raise UsageError(f"{path} does not hold user:password", "write one line: user:password")
     return Login(username, password)
 
 
 def first_line(path: Path, hint: str) -> str:
-    """Return the first line of a secret's file, or "". Raises: UsageError: it is unreadable; `hint` says what it is."""
+    """Return the first line of a secret's file, or "". Raises: UsageError with `hint`: the file is unreadable."""
     try:
-        # Editors of Windows begin with a mark. And not more of it than a secret has: it may be a device.
+        # utf-8-sig: editors of Windows write a byte order mark. The read is limited, as `path` may be a device.
         with path.open(encoding="utf-8-sig") as file:
             lines = file.read(4096).splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -86,9 +86,9 @@ def _hint_of(error: Exception, path: Path, hint: str) -> str:
 
 
 def kept_token(path: Path) -> str:
-    """Return the operator's token in a file, which is made if it is not there. Raises: UsageError: it is not ours."""
+    """Return the operator's token in a file, which is created if missing. Raises: UsageError: the file is unusable."""
     try:
-        # Opened once, and never followed elsewhere: between a look and a second opening somebody could swap it.
+        # Opened once and without following links: between a check and a second open the file could be replaced.
         with os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600), "r+") as file:
             check_private(path, os.fstat(file.fileno()))
             token = file.read(256).strip()
@@ -97,14 +97,14 @@ def kept_token(path: Path) -> str:
                 file.write(token + "\n")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not text"
-        raise UsageError(f"cannot keep a token in {path}: {reason}", "a file that is yours") from error
+        raise UsageError(f"cannot store a token in {path}: {reason}", "use a file that you own") from error
     if not re.fullmatch(r"[0-9A-Za-z_.~-]{16,255}", token):
-        raise UsageError(f"{path} holds no token", "16 or more letters and digits; an empty file gets one")
+        raise UsageError(f"no token in {path}", "write 16 or more letters and digits, or empty the file for a new one")
     return token
 
 
 def passphrase_of(keys: Path, file: Path | None) -> str:
-    """As `passphrase`; nobody is asked for that of a file that is not there. Raises: UsageError: it is not, too."""
+    """Return the passphrase of an existing key file. Raises: UsageError: as `passphrase`, or `keys` is missing."""
     from phalanx.net.keyring import read_sealed  # noqa: PLC0415 - logins need no numpy
 
     read_sealed(keys)
@@ -112,39 +112,39 @@ def passphrase_of(keys: Path, file: Path | None) -> str:
 
 
 def passphrase(file: Path | None, *, new: bool = False) -> str:
-    """That of a file of keys, from a file's first line or asked for. Raises: UsageError: none, or too short."""
+    """Return a key file's passphrase, from `file` or a prompt. Raises: UsageError: none, or too short."""
     if file is not None:
-        said = first_line(file, "a file whose first line is the passphrase")
+        secret = first_line(file, "use a file whose first line is the passphrase")
     elif sys.stdin.isatty():
         what = "New passphrase" if new else "Passphrase"
-        said = click.prompt(what, hide_input=True, confirmation_prompt=new, err=True, default="", show_default=False)
+        secret = click.prompt(what, hide_input=True, confirmation_prompt=new, err=True, default="", show_default=False)
     else:
-        raise UsageError("nobody is there to say a passphrase", "--passphrase-file FILE")
-    if not said or (new and len(said) < SHORTEST):
-        raise UsageError(f"a passphrase of {len(said)} letters", f"{SHORTEST} or more: some words that nobody guesses")
-    return str(said)
+        raise UsageError("no terminal to prompt for the passphrase", "use --passphrase-file FILE")
+    if not secret or (new and len(secret) < SHORTEST):
+        raise UsageError(f"passphrase of {len(secret)} characters", f"use {SHORTEST} or more: several random words")
+    return str(secret)
 
 
 def read_signing_key(path: Path) -> Ed25519PrivateKey:
-    """Return an operator's key. Raises: UsageError."""
+    """Return the Ed25519 private key in a PEM file. Raises: UsageError."""
     try:
         key = load_pem_private_key(read_at_most(path, MOST_BYTES, KEY_HINT), None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
-        raise UsageError(f"{path} holds no private key without a password", KEY_HINT) from error
+        raise UsageError(f"no unencrypted private key in {path}", KEY_HINT) from error
     if not isinstance(key, Ed25519PrivateKey):
         raise UsageError(f"{path} is not an Ed25519 key", KEY_HINT)
     return key
 
 
-def read_trusted(said: str) -> bytes:
-    """Return a public key, from 64 hex digits, or the PEM file of it. Raises: UsageError."""
-    if re.fullmatch(r"[0-9a-fA-F]{64}", said):
-        return bytes.fromhex(said)
-    hint = "64 hex digits, or the file that openssl pkey -in operator.pem -pubout writes"
+def read_trusted(text: str) -> bytes:
+    """Return a public key, given as 64 hex digits or as a PEM file. Raises: UsageError."""
+    if re.fullmatch(r"[0-9a-fA-F]{64}", text):
+        return bytes.fromhex(text)
+    hint = "use 64 hex digits, or the file that openssl pkey -in operator.pem -pubout writes"
     try:
-        key = load_pem_public_key(read_at_most(Path(said), MOST_BYTES, hint))
+        key = load_pem_public_key(read_at_most(Path(text), MOST_BYTES, hint))
     except (ValueError, UnsupportedAlgorithm) as error:
-        raise UsageError(f"{said} holds no public key", hint) from error
+        raise UsageError(f"no public key in {text}", hint) from error
     if not isinstance(key, Ed25519PublicKey):
-        raise UsageError(f"{said} is not an Ed25519 key", hint)
+        raise UsageError(f"{text} is not an Ed25519 key", hint)
     return key.public_bytes_raw()

@@ -1,7 +1,7 @@
-"""`phalanx doctor`: print what is installed, what is missing, and what to do about it.
+"""`phalanx doctor`: check the installation, and print how to fix what is missing.
 
-It has to start in every state of the installation. So nothing is imported here that needs kernels, and brokers and
-pages are looked at (doctor_around.py) only after the kernels.
+The command has to start in every state of the installation. So this module imports nothing that needs kernels, and
+doctor_around.py, which checks brokers and pages, is imported after the kernels are checked.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SYNCHRONIZED = Path("/run/systemd/timesync/synchronized")
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line: what was looked at, whether Phalanx works with it, and what could be better."""
+    """One line of the report: the component, whether it works, its state, and a possible fix."""
 
     what: str
     ok: bool
@@ -38,7 +38,7 @@ class Finding:
 
     @property
     def state(self) -> str:
-        """Return `ok`; `fix` for what has to be mended; or `-` for what is optional and could be."""
+        """Return `ok`; `fix` for a defect that has to be fixed; or `-` for an optional improvement."""
         return "fix" if not self.ok else "-" if self.fix else "ok"
 
 
@@ -49,12 +49,12 @@ def doctor(
     broker_login: Path | None,
     as_json: bool,
 ) -> int:
-    """Print a line for each finding; return 1 if something has to be mended."""
+    """Print a line for each finding; return 1 if a defect has to be fixed."""
     if not broker and (broker_ws or broker_login):
-        raise UsageError("no broker to try", "--broker URL")
+        raise UsageError("--broker-ws and --broker-login without --broker", "add --broker URL")
     kernels = _kernels()
     if not kernels.ok:
-        os.environ["PHALANX_PURE"] = "1"  # or the modules imported next would end here
+        os.environ["PHALANX_PURE"] = "1"  # or the next import would raise
     around = importlib.import_module("phalanx.cli.doctor_around")
     findings = [_python(), kernels, _trusted_nodes(), _c_compiler(), _figures(), _clock()]
     findings += around.findings(broker, broker_ws, root, broker_login)
@@ -70,7 +70,7 @@ def doctor(
 
 def _python() -> Finding:
     ok = sys.version_info >= (3, 11)
-    return Finding("python", ok, ".".join(map(str, sys.version_info[:3])), "" if ok else "3.11 or newer")
+    return Finding("python", ok, ".".join(map(str, sys.version_info[:3])), "" if ok else "install Python 3.11 or newer")
 
 
 def _kernels() -> Finding:
@@ -96,7 +96,7 @@ def _c_compiler() -> Finding:
     try:
         return Finding("C compiler", True, " ".join(find_compiler()))
     except NoCompiler as error:
-        return Finding("C compiler", True, f"{error}: controllers of your own run uncompiled", INSTALL_COMPILER)
+        return Finding("C compiler", True, f"{error}: your own controllers run uncompiled", INSTALL_COMPILER)
 
 
 def _figures() -> Finding:

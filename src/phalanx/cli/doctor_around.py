@@ -1,4 +1,4 @@
-"""Look at what is around a gateway, for `phalanx doctor`: brokers, pages, ports, and the network."""
+"""Check a gateway's environment for `phalanx doctor`: brokers, pages, ports, and the network."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CONNECT_S = 3.0
 
 
 def findings(broker: str | None, broker_ws: str, root: str, broker_login: Path | None) -> list[Finding]:
-    """Return what was found, also of a broker that is named. Raises: UsageError: the URL or a login is wrong."""
+    """Return the findings, including those of a given broker. Raises: UsageError: the URL or a login is invalid."""
     login = read_login(broker_login) if broker else None
     url = parse_broker_url(broker, login) if broker else None
     found = [_broker(), _pages(), *_ports(), _address()]
@@ -36,15 +36,15 @@ def _broker() -> Finding:
     return Finding(
         "broker of our own",
         True,
-        f"mosquitto at {path}" if path else "none: --broker mosquitto would need it",
-        "" if path else "apt-get install mosquitto",
+        f"mosquitto at {path}" if path else "not installed: --broker mosquitto needs it",
+        "" if path else "run apt-get install mosquitto",
     )
 
 
 def _pages() -> Finding:
     built = pages_are_built()
     return Finding(
-        "pages", built, "built" if built else "not built", "" if built else "make setup (needs node 20.19 and npm)"
+        "pages", built, "built" if built else "not built", "" if built else "run make setup (needs node 20.19 and npm)"
     )
 
 
@@ -54,7 +54,7 @@ def _ports() -> list[Finding]:
         Finding(
             f"port {port}",
             True,
-            f"free ({use})" if is_free(port) else f"in use ({use}): another one will be taken",
+            f"free ({use})" if is_free(port) else f"in use ({use}): another port will be used",
         )
         for port, use in uses.items()
     ]
@@ -64,21 +64,19 @@ def _address() -> Finding:
     address = lan_address()
     if address == LOOPBACK:
         return Finding(
-            "address", True, "no network: only this machine can visit", "connect it, then phalanx up --host 0.0.0.0"
+            "address", True, "no network: only this machine can visit", "connect it, then run phalanx up --host 0.0.0.0"
         )
     return Finding("address", True, f"{address}: phones reach it with phalanx up --host 0.0.0.0")
 
 
 async def _reach(server: Server, url: str) -> list[Finding]:
-    """Try the broker for the gateway, and where phones look for it."""
+    """Return whether the gateway, and phones, can connect to the broker."""
     try:
         async with server:
             await server.wait_connected(CONNECT_S)
             here = Finding("broker", True, f"{url} answers, MQTT {'5' if server.qr().mqtt == 5 else '3.1.1'}")
     except TimeoutError:
-        here = Finding(
-            "broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port, firewall, TLS or not"
-        )
+        here = Finding("broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port, firewall and TLS")
     except PhalanxError as error:
         here = Finding("broker", False, str(error), getattr(error, "hint", ""))
     return [here, await _for_phones(parse_broker_url(server.broker_for_visitors))]
@@ -90,5 +88,5 @@ async def _for_phones(at: BrokerUrl) -> Finding:
             _, writer = await asyncio.open_connection(at.host, at.port)
             writer.close()
     except (OSError, UnicodeError, TimeoutError):
-        return Finding("broker, for phones", False, f"nothing answers at {at}, where phones look for it", "--broker-ws")
-    return Finding("broker, for phones", True, f"something listens at {at}")
+        return Finding("broker, for phones", False, f"no answer at {at}, the address for phones", "use --broker-ws")
+    return Finding("broker, for phones", True, f"{at} accepts connections")

@@ -1,4 +1,4 @@
-"""Record a robot's log, and replay it, for `phalanx robot log` and `verify`."""
+"""Record and replay a robot's log, for `phalanx robot log` and `verify`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .terminal import print_json, talk
 
 
 def log(robot: Path, out: Path) -> int:
-    """Record all that a robot logged in its mission."""
+    """Record all entries that a robot logged in its mission."""
     count = record_log(read_robot(robot).log_file, out)
     talk(f"{out}: {count} entries")
     return 0
@@ -33,18 +33,18 @@ def verify(
     trust: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Replay a log and print where it is not an honest robot's; with keys, also what its trusted nodes bear out."""
+    """Replay a log and print where the robot deviated; with keys, check it against the trusted nodes' MACs."""
     if (keys is None) != (issued is None):
-        raise UsageError("--keys and --key belong together", "give both, or neither")
+        raise UsageError("--keys and --key need each other", "give both, or neither")
     trusted = [read_trusted(each).hex() for each in trust]
     kept = read_kept(file)
     signer = kept.mission_signer
-    of_mission, is_as_signed = _mission_of(signer, kept.signed is not None, trusted)
+    mission_line, is_as_signed = _mission_signer(signer, kept.signed is not None, trusted)
     scenario, own = find_controller(controller, kept.scenario, in_python=True)
     kept = replace(kept, scenario=scenario)
-    borne: Proven | None = None
+    proof: Proven | None = None
     if keys and issued:
-        borne = proven(kept, mission_key_of(kept, keys, passphrase_of(keys, passphrase_file), issued))
+        proof = proven(kept, mission_key_of(kept, keys, passphrase_of(keys, passphrase_file), issued))
     with mistakes_in(controller):
         found, entries = kept.first_lie(own), len(kept.entries())
     signed = signed_in(kept)
@@ -61,33 +61,34 @@ def verify(
                 "at_s": at_s,
                 "reason": reason or None,
                 "mission_signer": signer or None,
-                "proven_entries": None if borne is None else borne.entries,
-                "disproved_at": None if borne is None else borne.false_at,
+                "proven_entries": None if proof is None else proof.entries,
+                "disproved_at": None if proof is None else proof.false_at,
                 "signed": [asdict(each) for each in signed],
             }
         )
     else:
-        words = "honest" if found is None else f"FAULT at entry {found.entry}, {at_s:.3f} s: {reason}"
-        click.echo(f"robot {kept.robot}   mission {kept.mission}   {entries} entries   {words}{_borne(borne)}")
-        click.echo(of_mission)
+        verdict = "honest" if found is None else f"FAULT at entry {found.entry}, {at_s:.3f} s: {reason}"
+        click.echo(f"robot {kept.robot}   mission {kept.mission}   {entries} entries   {verdict}{_proof_text(proof)}")
+        click.echo(mission_line)
         for each in signed:
             key = f" ({each.key})" if each.key else ""
-            click.echo(f"told {each.count} times from {each.first_s:.1f} to {each.last_s:.1f} s by {each.signer}{key}")
-    return int(found is not None or (borne is not None and not borne.holds) or not is_as_signed)
+            span = f"from {each.first_s:.1f} to {each.last_s:.1f} s"
+            click.echo(f"{each.count} messages {span}, signed by {each.signer}{key}")
+    return int(found is not None or (proof is not None and not proof.holds) or not is_as_signed)
 
 
-def _mission_of(by: str, is_signed: bool, trusted: list[str]) -> tuple[str, bool]:
-    """Whose word it is that the log's mission is the robot's, and whether that is as it should be."""
+def _mission_signer(by: str, is_signed: bool, trusted: list[str]) -> tuple[str, bool]:
+    """Return a line that names the mission's signer, and whether the signature is acceptable."""
     if is_signed and not by:
-        return "its mission is NOT THE ONE THAT WAS SIGNED", False
+        return "its mission is NOT THE SIGNED ONE", False
     if trusted and by not in trusted:
-        return (f"its mission was signed by {by}, WHO IS NOT TRUSTED" if by else "NOBODY SIGNED ITS MISSION"), False
-    return (f"its mission was signed by {by}" if by else "its mission is its own word: nobody signed it"), True
+        return (f"its mission was signed by {by}, WHICH IS NOT TRUSTED" if by else "ITS MISSION IS NOT SIGNED"), False
+    return (f"its mission was signed by {by}" if by else "its mission is not signed: it is the robot's claim"), True
 
 
-def _borne(borne: Proven | None) -> str:
-    if borne is None:
+def _proof_text(proof: Proven | None) -> str:
+    if proof is None:
         return ""
-    if borne.false_at is not None:
-        return f"   NOT WHAT ITS TRUSTED NODES SAW by entry {borne.false_at}; proven: the first {borne.entries}"
-    return f"   proven by its trusted nodes: the first {borne.entries}" if borne.holds else "   NOTHING IS PROVEN"
+    if proof.false_at is not None:
+        return f"   NOT WHAT ITS TRUSTED NODES RECORDED, by entry {proof.false_at}; proven: the first {proof.entries}"
+    return f"   proven by its trusted nodes: the first {proof.entries}" if proof.holds else "   NOTHING IS PROVEN"

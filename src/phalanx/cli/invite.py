@@ -1,4 +1,4 @@
-"""`phalanx link invite` and `phalanx link trail`."""
+"""`phalanx link invite` and `phalanx link trail`: create tickets, and export or check the audit trail."""
 
 from __future__ import annotations
 
@@ -41,68 +41,68 @@ def invite(
     state: Path | None,
     as_json: bool,
 ) -> None:
-    """Makes tickets: one, or with a sheet one for each robot."""
-    words = {"role": ROLES.get(role, role), "uses": uses, "name": name, "valid_s": round(hours * 3600)}
+    """Create one ticket, or with `sheet` one for each robot."""
+    line = {"role": ROLES.get(role, role), "uses": uses, "name": name, "valid_s": round(hours * 3600)}
     if sheet is None:
-        url = ask_gateway(state, "link/invite", words | {"robots": list(robots)})["url"]
+        url = ask_gateway(state, "link/invite", line | {"robots": list(robots)})["url"]
         click.echo(json.dumps({"url": url}) if as_json else url)
         if sys.stdout.isatty() and not as_json:
             click.echo(qr_text(url, colour=True))
         return
-    if words["role"] != "drive" and not robots:
-        raise UsageError("a sheet has a card for each robot", "--role driver, or without --sheet")
+    if line["role"] != "drive" and not robots:
+        raise UsageError("a sheet has a card for each robot", "use --role driver, or leave out --sheet")
     known = ask_gateway(state, "link/state", {})["robots"]
     listed = {robot["name"] or robot["address"]: robot["address"] for robot in known}
     cards = []
     for robot in robots or sorted(listed):
-        card = words | {"robots": [listed.get(robot, robot)], "name": name or robot}
+        card = line | {"robots": [listed.get(robot, robot)], "name": name or robot}
         cards.append((robot, ask_gateway(state, "link/invite", card)["svg"]))
-    write_whole(sheet, sheet_of(cards, uses).encode(), "a folder that is yours", private=True)
-    talk(f"{counted(len(cards), 'card')} in {plain(sheet)}: whoever has one drives; print it, and delete it")
+    write_whole(sheet, sheet_of(cards, uses).encode(), "use a folder that you can write to", private=True)
+    talk(f"{counted(len(cards), 'card')} in {plain(sheet)}: each lets its holder drive; print the file, then delete it")
 
 
 def sheet_of(cards: Sequence[tuple[str, str]], uses: int) -> str:
-    """Return a page with a card for each robot: its name and QR code."""
+    """Return an HTML page with a card for each robot: its name and QR code."""
     times = "for one visitor" if uses == 1 else f"for {uses} visitors"
     made = (f"<section><h2>{html.escape(robot)}</h2>{svg}<p>{times}</p></section>\n" for robot, svg in cards)
     return SHEET + "".join(made)
 
 
 def export(file: Path | None, state: Path | None) -> None:
-    """Prints the trail, checked, as it stands in its file."""
-    from phalanx.gateway.chain_file import as_line, read_lines  # noqa: PLC0415 - as above
+    """Print the lines of the trail's file after checking them."""
+    from phalanx.gateway.chain_file import as_line, read_lines  # noqa: PLC0415 - slow to import
 
-    for words in read_lines(_trail(file, state)):
-        click.echo(as_line(words))
+    for line in read_lines(_trail(file, state)):
+        click.echo(as_line(line))
 
 
 def verify(file: Path | None, state: Path | None, top: str | None) -> None:
-    """Checks the trail, and whether a line that was noted before, or by the gateway, is still in it."""
-    from phalanx.gateway.chain_file import mark_of, read_lines, read_mark  # noqa: PLC0415 - as above
+    """Check the trail, and that it still contains the line noted earlier by the operator or the gateway."""
+    from phalanx.gateway.chain_file import mark_of, read_lines, read_mark  # noqa: PLC0415 - slow to import
 
     path = _trail(file, state)
-    mark = read_mark(path)  # first: a gateway may add lines meanwhile
+    mark = read_mark(path)  # first, as the gateway may add lines meanwhile
     wanted = {each for each in (top, mark and mark[1]) if each}
     count, last, gaps = 0, "", list[int]()
-    for words in read_lines(path):
-        count, last = count + 1, words["chain"]
+    for line in read_lines(path):
+        count, last = count + 1, line["chain"]
         wanted.discard(last)
-        if words.get("event") in ("cut_off", "moved_aside"):
+        if line.get("event") in ("cut_off", "moved_aside"):
             gaps.append(count)
     if top in wanted:
-        raise UsageError("the trail does not contain that hash", "its end was cut off, or it is another trail")
+        raise UsageError("the trail does not contain that hash", "its end was cut off, or this is another trail")
     if wanted:
-        hint = f"{plain(mark_of(path))} has the hash of the last line that the gateway wrote; restore the rest"
+        hint = f"{plain(mark_of(path))} has the hash of the last line that the gateway wrote; restore the missing lines"
         raise UsageError(f"the end of {plain(path)} was cut off", hint)
     if gaps:
-        hint = "the gateway saw it when it started; restore them, or go by what was noted elsewhere"
+        hint = "the gateway noticed this at its start; restore the lines, or use another copy of the trail"
         raise UsageError(f"lines are missing before line {gaps[0]} of {plain(path)}", hint)
-    click.echo(f"{counted(count, 'line')}, whole; the last is {last or 'none'}")
+    click.echo(f"{counted(count, 'line')}, complete; last hash: {last or 'none'}")
     if not mark and not top:
-        talk(f"not checked: whether its end was cut off, as there is no {plain(mark_of(path))}; --top HASH checks it")
+        talk(f"not checked whether the end was cut off: no {plain(mark_of(path))}; use --top HASH")
 
 
 def _trail(file: Path | None, state: Path | None) -> Path:
-    from phalanx.gateway.state_folder import TRAIL  # noqa: PLC0415 - as above
+    from phalanx.gateway.state_folder import TRAIL  # noqa: PLC0415 - slow to import
 
     return file or (state or default_state()) / TRAIL

@@ -1,4 +1,4 @@
-"""Create and use files of keys, for `phalanx keys`."""
+"""Create and use key files, for `phalanx keys`."""
 
 from __future__ import annotations
 
@@ -22,98 +22,98 @@ from .terminal import print_json, talk
 
 
 def make(file: Path, name: str, passphrase_file: Path | None) -> None:
-    """A new file."""
-    _not_there(file)
+    """Create a key file."""
+    _check_new(file)
     create(file, name or file.stem, passphrase(passphrase_file, new=True))
-    talk(f"{file} holds the keys of {name or file.stem}: keep a copy, and the passphrase apart from it")
+    talk(f"created {file}, keys of {name or file.stem}; back it up, and store the passphrase elsewhere")
 
 
 def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -> None:
-    """One robot's master key, once."""
-    _not_there(out)
+    """Create one robot's master key and write it to a board file. Works once per robot."""
+    _check_new(out)
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         master = keys.provision(robot, today())
     write_private(out, BOARD.encode(id=robot, master=master))
     talk(
-        f"{out} has the number and the master key of robot {robot}: destroy it once its trusted nodes have them. "
-        "A gateway whose nodes are a process needs it at each start: keep it for its user alone"
+        f"{out} has the number and the master key of robot {robot}: destroy it once the trusted nodes have them. "
+        "A gateway with nodes in a process needs it at each start: make it readable by that user only"
     )
 
 
 def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_file: Path | None) -> None:
-    """The next mission's key, sealed for each robot; `rotate`: and new keys that sign orders, stops and advice."""
-    _not_there(out)
+    """Issue the next mission's key, sealed per robot; `rotate` also replaces the keys of orders, stops and advice."""
+    _check_new(out)
     scenario = mission_in(Path(), mission) if mission else None
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         if rotate and scenario:
-            _not_replaced(keys, scenario)
+            _check_signers_kept(keys, scenario)
         number, sealed = keys.issue()
         if rotate:
-            for who in ("orders", "stops", "advice"):
-                keys.renew(who)
-        signers = {who: keys.public(who) for who in keys.signers}
+            for purpose in ("orders", "stops", "advice"):
+                keys.renew(purpose)
+        signers = {purpose: keys.public(purpose) for purpose in keys.signers}
         signed = sign_mission(scenario, number, keys.signer("missions")).told if scenario else {}
     write_private(out, issued(number, sealed, signers, signed))
-    talk(f"{out} holds the key of mission {number}, sealed for {len(sealed)} robots")
+    talk(f"{out} contains the key of mission {number}, sealed for {len(sealed)} robots")
 
 
-def _not_replaced(keys: Keys, scenario: Scenario) -> None:
-    """Nothing, if the mission names no key that is to be replaced. Raises: UsageError: robots would obey nobody."""
+def _check_signers_kept(keys: Keys, scenario: Scenario) -> None:
+    """Check that the mission names no key that is about to be replaced. Raises: UsageError."""
     named = {"orders": scenario.gateway_key, "stops": scenario.operator_key, "advice": scenario.guard.adviser_key}
-    for who, key in named.items():
-        if key and key.lower() == keys.public(who):
+    for purpose, key in named.items():
+        if key and key.lower() == keys.public(purpose):
             raise UsageError(
-                f"the mission names the key that signs {who}, which --rotate replaces",
-                "rotate without --mission, name the new keys of phalanx keys list in it, and issue again with it",
+                f"the mission names the key that signs {purpose}, which --rotate replaces",
+                "rotate without --mission, put the new keys of phalanx keys list into the mission, then issue again",
             )
 
 
 def retire(file: Path, robot: int, passphrase_file: Path | None) -> None:
-    """Leave a robot out from the next mission on."""
+    """Exclude a robot from the next mission on."""
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         keys.retire(robot, today())
-    talk(f"robot {robot} gets no mission key any more; in the mission that runs it goes on, and counts as one of f_max")
+    talk(f"robot {robot} gets no more mission keys; in the running mission it continues, and counts towards f_max")
 
 
 def renew_passphrase(file: Path, passphrase_file: Path | None, new_passphrase_file: Path | None) -> None:
-    """Seal the file anew."""
+    """Encrypt the file with a new passphrase."""
     old = passphrase_of(file, passphrase_file)
     with opened(file, old, passphrase(new_passphrase_file, new=True)):
         pass
-    talk(f"{file} is sealed with the new passphrase; copies of it still open with the old one")
+    talk(f"{file} is encrypted with the new passphrase; older copies still open with the old one")
 
 
 def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Path | None) -> None:
-    """A key that signs, as PEM."""
+    """Write a signing key, or its public key, as PEM."""
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         key = keys.signer(signer)
     checks = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
     write_private(out, checks if public else pem(key))
-    talk(f"{out} {'checks' if public else 'signs'} {signer}")
+    talk(f"{out}: {'verifies' if public else 'signs'} {signer}")
 
 
 def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
-    """Who has keys."""
+    """List the robots that have keys, and the public keys of the signers."""
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
-        signers = {who: keys.public(who) for who in keys.signers}
+        signers = {purpose: keys.public(purpose) for purpose in keys.signers}
     rows = [{"robot": robot, "given": about.given, "retired": about.retired} for robot, about in keys.robots.items()]
     if as_json:
         print_json({"name": keys.name, "missions": keys.missions, "signers": signers, "robots": rows})
         return
     click.echo(f"{keys.name}: {keys.missions} mission keys issued")
-    for who, public in signers.items():
-        click.echo(f"signs {who}: {public}")
+    for purpose, public in signers.items():
+        click.echo(f"signs {purpose}: {public}")
     for robot, about in sorted(keys.robots.items()):
         retired = f", retired {about.retired}" if about.retired else ""
-        click.echo(f"robot {robot}: master key given {about.given}{retired}")
+        click.echo(f"robot {robot}: master key created {about.given}{retired}")
 
 
-def _not_there(out: Path) -> None:
-    # Asked before a number is used up; that it is so still when it is written is seen to there.
+def _check_new(out: Path) -> None:
+    # Checked before a mission number is used up. The write itself also refuses to overwrite.
     if out.exists() or not out.parent.is_dir():
-        raise UsageError(f"{out} is there already" if out.exists() else f"no folder {out.parent}", "another name")
+        raise UsageError(f"{out} exists" if out.exists() else f"no folder {out.parent}", "use another name")
 
 
 def today() -> str:
-    """An ISO date, UTC."""
+    """Return today's ISO date, UTC."""
     return datetime.now(UTC).strftime("%Y-%m-%d")

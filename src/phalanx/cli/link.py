@@ -1,4 +1,4 @@
-"""`phalanx link connect`: a visitor without a browser."""
+"""`phalanx link connect`: visit a swarm without a browser."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ def connect(
     keep: Path | None,
     as_json: bool,
 ) -> None:
-    """Visit a swarm: print its robots, drive one, or print what it says."""
+    """Visit a swarm: list its robots, drive one, or print its notifications."""
     if drive is None and (left, right, for_s) != (None, None, None):
-        raise UsageError("--left, --right and --for without a robot to drive", "say which: --drive ROBOT")
+        raise UsageError("--left, --right and --for without a robot to drive", "add --drive ROBOT")
     if drive is not None and watch:
-        raise UsageError("--drive and --watch", "give one of the two; two terminals can do both")
+        raise UsageError("--drive with --watch", "give one of the two, or use two terminals")
     if unlisted and drive is None:
-        raise UsageError("--unlisted without a robot to drive", "say which: --drive ADDRESS")
+        raise UsageError("--unlisted without a robot to drive", "add --drive ADDRESS")
     if unlisted and not is_address(drive):
-        raise UsageError(f"no robot has the address {drive!r}", "letters and digits, - and _, 64 at most")
+        raise UsageError(f"{drive!r} is not an address", "use at most 64 letters, digits, - and _")
     visitor = _visitor(qr_url, pin, broker, root, broker_login, name, keep, timeout)
 
     async def visit() -> None:
@@ -85,21 +85,21 @@ def _visitor(
         qr_url = sys.stdin.readline().strip()
     if qr_url and is_session_url(qr_url):
         if pin or broker or broker_login:
-            raise UsageError("a session's link, and a pin, broker or login", "the link has all")
+            raise UsageError("a session link with a pin, broker or login", "leave them out: the link contains all")
         return session_visitor(qr_url, name, keep, timeout_s)
     if name or keep:
-        raise UsageError("--name and --keep without a session", "they need a link with #j=")
+        raise UsageError("--name and --keep without a session link", "give a link with #j=")
     login = read_login(broker_login)
-    return qrkey_visitor(*_whither(qr_url, pin, broker, root, login), login, timeout_s)
+    return qrkey_visitor(*_destination(qr_url, pin, broker, root, login), login, timeout_s)
 
 
-def _whither(
+def _destination(
     qr_url: str | None, pin: str | None, broker: str | None, root: str, login: Login | None
 ) -> tuple[QrUrl, BrokerUrl | None]:
     address = parse_broker_url(broker, login) if broker else None
     if qr_url:
         if pin:
-            raise UsageError("a link and a pin", "the link has a pin in it: give one of the two")
+            raise UsageError("a link with --pin", "leave out --pin: the link contains it")
         return parse_qr_url(qr_url, root), address
     if not pin or address is None:
         raise UsageError("no swarm to visit", "give the link under the QR code, or --pin and --broker")
@@ -108,39 +108,39 @@ def _whither(
 
 @dataclass(frozen=True, slots=True)
 class _Robots:
-    """A swarm's robots, as it lists them; `unlisted` takes an address at its word."""
+    """Robots of a swarm, found by address or name; with `unlisted`, any address is accepted."""
 
     visitor: Visitor
     unlisted: bool = False
 
     async def listed(self) -> list[dict[str, Any]]:
-        """Those of which it says an address, alone or among other things; what else is in the list is told."""
+        """Return the listed robots that have an address; report other items of the list on stderr."""
         answer = await self.visitor.robots()
         if not isinstance(answer, list):
-            raise Unavailable("the swarm's answer is not a list of robots", "--unlisted drives an address all the same")
+            raise Unavailable("the swarm's answer is not a list of robots", "use --unlisted to drive an address anyway")
         robots = [{"address": robot} if isinstance(robot, str) else robot for robot in answer]
         known = [robot for robot in robots if isinstance(robot, dict) and is_address(robot.get("address"))]
         if others := [plain(robot) for robot in robots if robot not in known]:
-            talk(f"in the list, and no robot: {', '.join(others[:5])}{', …' if others[5:] else ''}")
+            talk(f"not robots, but in the list: {', '.join(others[:5])}{', …' if others[5:] else ''}")
         return [{key: value for key, value in robot.items() if key != "position_history"} for robot in known]
 
-    async def find(self, called: str) -> dict[str, Any]:
-        """The robot of this address or name."""
-        return {"address": called} if self.unlisted else _find(await self.listed(), called)
+    async def find(self, name: str) -> dict[str, Any]:
+        """Return the robot with this address or name."""
+        return {"address": name} if self.unlisted else _find(await self.listed(), name)
 
 
-def _find(robots: list[dict[str, Any]], called: str) -> dict[str, Any]:
-    """The robot of this address, or else the only one of this name; upper and lower case are the same."""
+def _find(robots: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    """Return the robot with this address, or else the only one with this name; case is ignored."""
     for key in ("address", "name"):
-        found = [robot for robot in robots if str(robot.get(key) or "").upper() == called.upper()]
+        found = [robot for robot in robots if str(robot.get(key) or "").upper() == name.upper()]
         if len(found) > 1:
-            raise UsageError(f"{len(found)} robots are called {called}", "give the address of one")
+            raise UsageError(f"{len(found)} robots are called {name}", "give an address instead")
         if found:
             return found[0]
     names = [str(robot.get(key)) for robot in robots for key in ("address", "name") if robot.get(key)]
     raise Unavailable(
-        f"no robot {called} in this swarm",
-        f"{did_you_mean(called, names)}phalanx link connect QR_URL lists them; --unlisted drives it all the same",
+        f"no robot {name} in this swarm",
+        f"{did_you_mean(name, names)}phalanx link connect QR_URL lists robots; --unlisted drives any address",
     )
 
 
@@ -155,13 +155,13 @@ def _show_robots(robots: list[dict[str, Any]], as_json: bool) -> None:
 
 
 def _row(robot: dict[str, Any]) -> str:
-    """What a robot says of itself: as the gateway's do in columns, of others whatever it is."""
+    """Return one line for a robot: in columns if it has our fields, otherwise all its fields."""
     if not OURS & robot.keys():
-        said = (f"{plain(key)}={plain(value)}" for key, value in robot.items() if key != "address")
-        return "  ".join((f"{plain(robot['address']):16}", *said))
+        fields = (f"{plain(key)}={plain(value)}" for key, value in robot.items() if key != "address")
+        return "  ".join((f"{plain(robot['address']):16}", *fields))
     return (
         f"{plain(robot['address']):16}  {plain(robot.get('name') or ''):8}  {_place(robot.get('lh2_position'))}  "
-        f"{_number(robot.get('battery') or None, '5.2f', ' V')}  {_state(robot.get('status'))}"
+        f"{_number(robot.get('battery') or None, '5.2f', ' V')}  {_status(robot.get('status'))}"
     )
 
 
@@ -177,12 +177,12 @@ def _number(value: object, form: str, unit: str = "") -> str:
     return f"{value:{form}}{unit}"
 
 
-def _state(value: object) -> str:
+def _status(value: object) -> str:
     return STATUS[value] if isinstance(value, int) and 0 <= value < len(STATUS) else "?"
 
 
-async def _drive(robots: _Robots, called: str, wheels_pct: tuple[int, int], for_s: float, as_json: bool) -> None:
-    before = await robots.find(called)
+async def _drive(robots: _Robots, name: str, wheels_pct: tuple[int, int], for_s: float, as_json: bool) -> None:
+    before = await robots.find(name)
     address, application = before["address"], str(before.get("application", 0))
     sent = await robots.visitor.drive(address, application, wheels_pct, for_s)
     after = await robots.find(address)
@@ -190,6 +190,6 @@ async def _drive(robots: _Robots, called: str, wheels_pct: tuple[int, int], for_
         places = {"from": before.get("lh2_position"), "to": after.get("lh2_position")}
         print_json({"address": address, "commands": sent} | places)
     elif robots.unlisted:
-        click.echo(f"{counted(sent, 'command')} to {plain(address)}; nobody says whether there is such a robot")
+        click.echo(f"{counted(sent, 'command')} to {plain(address)}; it is not known whether such a robot exists")
     else:
         click.echo(f"before  {_row(before)}\nafter   {_row(after)}")

@@ -1,4 +1,4 @@
-"""The lists that commands print of what there is."""
+"""Print the lists of bundled scenarios and attacks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .terminal import beside, print_json
 
 
 def list_scenarios(as_json: bool) -> None:
-    """Prints the scenarios that come with phalanx."""
+    """Print the bundled scenarios."""
     found = [find_scenario(name) for name in built_in("scenarios")]
     if as_json:
         rows = [
@@ -39,12 +39,12 @@ def list_scenarios(as_json: bool) -> None:
 
 
 def print_schema() -> None:
-    """Prints the JSON schema of scenario files."""
+    """Print the JSON schema of scenario files."""
     click.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
 
 
 def list_attacks(as_json: bool) -> None:
-    """Prints all attacks, by robots and on missions, and what each defence makes of them."""
+    """Print all attacks, by robots and on missions, and the verdict of each defence."""
     known = [each for _, each in sorted(attacks().items())]
     rows = [{**_row(each), "robots": "f_max" if each.crowd else 1} for each in known if each.scene == "flock"]
     protocols = [{**_row(each), "against": each.against} for each in known if each.scene == "protocol"]
@@ -73,6 +73,6 @@ def _table(title: str, rows: list[dict[str, Any]], width: int) -> None:
     click.echo(f"{title:{width}} " + " ".join(f"{defence:12}" for defence in DEFENCES))
     for row in rows:
         against = f"{row['against']}: " if "against" in row else "f_max robots: " if row["robots"] == "f_max" else ""
-        words = " ".join(f"{word:12}" for word in row["verdicts"].values())
-        click.echo(f"{row['name']:{width}} {words}{against}{row['does']}")
+        verdicts = " ".join(f"{verdict:12}" for verdict in row["verdicts"].values())
+        click.echo(f"{row['name']:{width}} {verdicts}{against}{row['does']}")
         click.echo(f"{'':{width + 13 * len(DEFENCES)}} {row['stopped_by']}")

@@ -1,6 +1,6 @@
-"""The command `phalanx`, and what every command has in common: exit codes, one line for an error, logging.
+"""The command `phalanx`, with exit codes, one-line errors and logging for all commands.
 
-stdout is data, stderr is talk. 0 done, 1 refused or failed, 2 misused.
+Data goes to stdout, everything else to stderr. Exit codes: 0 done, 1 refused or failed, 2 misused.
 """
 
 from __future__ import annotations
@@ -20,33 +20,33 @@ from phalanx import __version__
 from phalanx.errors import PhalanxError, did_you_mean
 
 LEVELS = ("debug", "info", "warning", "error")
-SAID = "phalanx: %(levelname)s: %(message)s"  # who watches needs no time, and nobody but developers a module
+TERSE = "phalanx: %(levelname)s: %(message)s"  # on a terminal: no time
 TIMED = "phalanx: %(levelname)s: %(asctime)s %(message)s"
 LOGGED = "phalanx: %(levelname)s: %(asctime)s %(name)s: %(message)s"
-# What stdout says on a full disk.
+# Errors of stdout on a full disk.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-# Each is a module of phalanx.cli.commands, and in it what the module is named for. The words are those of its help.
+# Commands: each is defined in the module of its name in phalanx.cli.commands. The texts repeat its help.
 ABOUT = {
-    "attack": "Compromise a robot or a mission, and see the damage and what stops it.",
-    "docs": "Print a document or an example of this version, or the list of all.",
-    "doctor": "Look at what is installed, which ports are free, the clock, and whether a broker is reachable.",
+    "attack": "Compromise a robot or a mission, and measure the damage with each defence.",
+    "docs": "Print a document or an example of this version, or list all of them.",
+    "doctor": "Check the installation, free ports, the clock, and whether a broker is reachable.",
     "keys": "Manage a swarm's keys: master keys, mission keys, and keys that sign missions and orders.",
-    "link": "Visit a swarm from a terminal; invite, approve and remove visitors; see who drove.",
+    "link": "Visit a swarm from a terminal; invite, approve and remove visitors; read the audit trail.",
     "mission": "Encode, check and run missions that a robot can only read step by step, at the right places.",
-    "new": "Write a controller, an attack or a scenario that runs as it is.",
-    "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
+    "new": "Write a working controller, attack or scenario to start from.",
+    "reproduce": "Measure a figure of one of the papers and draw it beside the paper's.",
     "robot": "Run one real robot as a process, or several in a simulated field.",
     "sim": "Simulate a swarm whose robots audit each other.",
-    "sweep": "Run a grid of scenarios with many seeds, here or on a cluster, and write Parquet files.",
+    "sweep": "Run a grid of scenarios with many seeds, locally or on a cluster, and write Parquet files.",
     "up": "Run a gateway: a swarm, the visitors' page and its QR code.",
 }
-# Options that went, and what there is now.
-GONE = {"--visitors-login": "visitors come without a login: to this machine itself, or to a broker that asks for none"}
+# Removed options, and the hint for each.
+REMOVED = {"--visitors-login": "visitors connect without a login, to this machine or to a broker without logins"}
 NAMES: dict[str, click.Command] = {name: click.Command(name, short_help=about) for name, about in ABOUT.items()}
 
 
 class _OnUse(UserDict[str, click.Command]):
-    """Commands by name, each imported when it is looked up: all of them together take more than a second."""
+    """Commands by name, imported on first use: importing all of them takes more than a second."""
 
     def __getitem__(self, name: str) -> click.Command:
         if name not in self.data:
@@ -57,9 +57,9 @@ class _OnUse(UserDict[str, click.Command]):
 
 
 def _prepare(command: click.Command) -> None:
-    """Have all numbers of a command and those below it be finite, and a group's help show whole first sentences.
+    """Reject non-finite numbers in all options of a command, and show whole first sentences in a group's help.
 
-    NaN passes any check that is a comparison, and waiting until NaN never ends. Click would cut sentences short.
+    NaN passes range checks, and a wait until NaN never ends. Click would truncate the sentences.
     """
     for option in command.params:
         if isinstance(option.type, click.types.FloatParamType):
@@ -72,7 +72,7 @@ def _prepare(command: click.Command) -> None:
 
 def _finite(context: click.Context, option: click.Parameter, value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
-        raise click.BadParameter(f"{value} is no finite number", context, option)
+        raise click.BadParameter(f"{value} is not a finite number", context, option)
     return value
 
 
@@ -94,18 +94,18 @@ class _Group(click.Group):
 )
 def phalanx(log_level: str) -> None:
     """Protect a robot swarm: from strangers, from stolen missions, and from compromised robots."""
-    # In the place of a status line, not behind it.
+    # Overwrite a status line.
     on_terminal = sys.stderr.isatty()
-    logged = LOGGED if log_level != "warning" else SAID if on_terminal else TIMED
+    logged = LOGGED if log_level != "warning" else TERSE if on_terminal else TIMED
     line = f"\r\x1b[2K{logged}" if on_terminal else logged
     for level in (logging.WARNING, logging.ERROR):
-        logging.addLevelName(level, logging.getLevelName(level).lower())  # as errors are told that end a command
+        logging.addLevelName(level, logging.getLevelName(level).lower())  # as _fail writes them
     logging.basicConfig(level=log_level.upper(), format=line, datefmt="%Y-%m-%dT%H:%M:%S%z", force=True)
 
 
 def main() -> None:
     """Run the command line."""
-    # What is imported stays: looking again and again for what of it could go takes a fifth of a command's start.
+    # Imported modules stay in use: collecting garbage among them takes a fifth of a command's start.
     gc.set_threshold(100_000)
     _mend_streams()
     sys.unraisablehook = _log_unraisable
@@ -113,7 +113,7 @@ def main() -> None:
 
 
 def _mend_streams() -> None:
-    # A stream that whoever started us has closed is None, and a letter that a terminal's encoding lacks an error.
+    # A stream that the parent process closed is None. A character that the encoding lacks would raise.
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         stream = getattr(sys, name)
         if stream is None:
@@ -122,14 +122,14 @@ def _mend_streams() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _log_unraisable(said: sys.UnraisableHookArgs) -> None:
-    # What Ctrl-C left half made, as a parser of pyparsing, complains when it goes; Python would print a traceback.
-    traceback = (said.exc_type, said.exc_value, said.exc_traceback)
-    logging.getLogger(__name__).debug("ignored in %r", said.object, exc_info=traceback)  # type: ignore[arg-type]
+def _log_unraisable(args: sys.UnraisableHookArgs) -> None:
+    # Objects interrupted by Ctrl-C, such as pyparsing's parsers, can raise in __del__: Python prints a traceback.
+    traceback = (args.exc_type, args.exc_value, args.exc_traceback)
+    logging.getLogger(__name__).debug("ignored in %r", args.object, exc_info=traceback)  # type: ignore[arg-type]
 
 
 def run_command(arguments: list[str]) -> int:
-    """The exit code of `phalanx ARGUMENTS`."""
+    """Run `phalanx ARGUMENTS` and return the exit code."""
     try:
         result = phalanx.main(arguments, prog_name="phalanx", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -142,7 +142,7 @@ def run_command(arguments: list[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return 1
     except BrokenPipeError:
-        # Whoever read our output has gone: there is nobody left to tell.
+        # The reader of stdout has exited.
         _forget_output()
         return 1
     except OSError as error:
@@ -154,18 +154,18 @@ def run_command(arguments: list[str]) -> int:
 
 
 def _forget_output() -> None:
-    # What waits in stdout's buffer would fail again at exit.
+    # The content of stdout's buffer would fail again at exit.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _help_hint(error: click.ClickException) -> str:
-    if isinstance(error, click.NoSuchOption) and error.option_name in GONE:
-        return GONE[error.option_name]
+    if isinstance(error, click.NoSuchOption) and error.option_name in REMOVED:
+        return REMOVED[error.option_name]
     context, option = getattr(error, "ctx", None), getattr(error, "param", None)
     near = ""
     if option and isinstance(option.type, click.Choice):
-        said = str(error.message).partition("'")[2].partition("'")[0]  # click quotes it
-        near = did_you_mean(said, map(str, option.type.choices))
+        given = str(error.message).partition("'")[2].partition("'")[0]  # click quotes it
+        near = did_you_mean(given, map(str, option.type.choices))
     return f"{near}{context.command_path} --help" if context else "phalanx --help"
 
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, and `runs`, by which a command finds what it does."""
+"""Options that several commands share, and `runs`, which binds a command to its implementation."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ DEFAULTS = LinkConfig()
 
 
 def runs(module: str, function: str) -> Callable[[Callable[[], None]], Callable[..., Any]]:
-    """Have a command call `function` of `phalanx.cli.MODULE` with its options by name, imported only then.
+    """Return a decorator: the command imports phalanx.cli.MODULE and calls its `function` with the options by name.
 
-    The docstring of what is decorated is the command's help.
+    The decorated function is empty; its docstring is the command's help.
     """
 
-    def declared(words: Callable[[], None]) -> Callable[..., Any]:
-        @functools.wraps(words)
-        def run(**said: Any) -> Any:
+    def declared(stub: Callable[[], None]) -> Callable[..., Any]:
+        @functools.wraps(stub)
+        def run(**options: Any) -> Any:
             name = f"phalanx.cli.{module}"
             if name not in sys.modules:
-                # What it is made of stays: looking through it for garbage took a fifth of a start.
+                # Imported modules stay in use: collecting garbage among them took a fifth of the start.
                 gc.disable()
                 import_module(name)
                 gc.freeze()
                 gc.enable()
             if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as __main__.py leaves it
                 signal.signal(signal.SIGINT, signal.default_int_handler)
-            return getattr(sys.modules[name], function)(**said)
+            return getattr(sys.modules[name], function)(**options)
 
         run.runs = module, function  # type: ignore[attr-defined]
         return run
@@ -49,12 +49,12 @@ def runs(module: str, function: str) -> Callable[[Callable[[], None]], Callable[
 
 
 def option(*names: str, **more: Any) -> Callable[[Command], Command]:
-    """As click has it; its default is shown, unless it is none or empty."""
+    """Return click's option, with its default shown unless that is None or empty."""
     return click.option(*names, **{"show_default": more.get("default") not in (None, "")} | more)
 
 
 def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
-    """Several options as one, shown in this order."""
+    """Combine several options into one decorator, shown in this order."""
 
     def added(command: Command) -> Command:
         for each in reversed(options):
@@ -65,18 +65,18 @@ def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
 
 
 def defence_option(**more: Any) -> Callable[[Command], Command]:
-    """--defence, in words of the command's own."""
+    """Return the option --defence, with the command's own help."""
     return option("--defence", type=click.Choice(DEFENCES), **more)
 
 
 def out_option(words: str, **more: Any) -> Callable[[Command], Command]:
-    """--out, a file that is made."""
+    """Return the option --out, a file to write, with the help `words`."""
     return option("--out", help=words, type=OUT_FILE, required=True, **more)
 
 
-def link_config(said: dict[str, Any]) -> LinkConfig:
-    """What `link_options` were given, taken out of what was said."""
-    return LinkConfig(**{name: said.pop(name) for name in ("pin_digits", "rotate_s", "overlap_s", "root")})
+def link_config(options: dict[str, Any]) -> LinkConfig:
+    """Return the settings from `link_options`, removed from `options`."""
+    return LinkConfig(**{name: options.pop(name) for name in ("pin_digits", "rotate_s", "overlap_s", "root")})
 
 
 FILE = click.Path(path_type=Path)
@@ -86,18 +86,18 @@ OUT_FOLDER = click.Path(path_type=Path, file_okay=False)
 SECONDS = click.FloatRange(min=0, min_open=True)
 PROCESSES = click.IntRange(min=1)
 PORT = click.IntRange(0, 65535)
-broker_ws_option = option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it.")
-root_option = option("--root", default=DEFAULTS.root, help="First part of every MQTT topic.")
+broker_ws_option = option("--broker-ws", default="", help="Websocket URL of the broker, for browsers.")
+root_option = option("--root", default=DEFAULTS.root, help="First level of every MQTT topic.")
 link_options = together(
     option(
         "--pin-digits", default=DEFAULTS.pin_digits, help="Digits of the pin; the paper's 12 can be guessed offline."
     ),
-    option("--rotate-s", default=DEFAULTS.rotate_s, help="Seconds between two pins."),
-    option("--overlap-s", default=DEFAULTS.overlap_s, help="Seconds for which both are accepted."),
+    option("--rotate-s", default=DEFAULTS.rotate_s, help="Seconds until a new pin replaces the current one."),
+    option("--overlap-s", default=DEFAULTS.overlap_s, help="Seconds for which the previous pin is still accepted."),
     root_option,
 )
 passphrase_option = option(
-    "--passphrase-file", help="File whose first line is the passphrase. Default: you are asked.", type=FILE
+    "--passphrase-file", help="File whose first line is the passphrase. Default: prompt for it.", type=FILE
 )
 login_option = option(
     "--broker-login",
@@ -109,35 +109,35 @@ state_option = option(
     help="The --state folder of the running gateway.  [default: ~/.local/state/phalanx]",
     type=FOLDER,
 )
-# What people change of a scenario.
+# Options that change a scenario.
 swarm_options = together(
     option("--robots", type=int, metavar="N", help="Number of robots, on a square grid."),
     option("--spacing", "spacing_m", type=float, metavar="M", help="Distance between neighbours, metres."),
     option("--duration", "duration_s", type=float, metavar="S", help="Simulated seconds."),
-    option("--f-max", type=int, metavar="F", help="How many compromised robots the mission tolerates."),
+    option("--f-max", type=int, metavar="F", help="Number of compromised robots that the mission tolerates."),
     option("--t-audit", "t_audit_s", type=float, metavar="S", help="Seconds between two rounds of audits."),
     option("--t-val", "t_val_s", type=float, metavar="S", help="Seconds for which a token is valid."),
     option("--seed", type=int, metavar="S", help="Seed of all random numbers."),
 )
-# Where many runs are made.
+# Options of commands with many runs.
 cluster_options = together(
     option(
         "--scheduler",
         metavar="ADDRESS",
-        help="Address of a dask scheduler, as tcp://10.0.0.1:8786. Default: run on this machine.",
+        help="Address of a dask scheduler, such as tcp://10.0.0.1:8786. Default: run on this machine.",
     ),
     option("--workers", type=PROCESSES, help="Number of processes. Default: one for each processor.", metavar="N"),
 )
 json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
 controller_option = option(
     "--controller",
-    help="What honest robots run: flock, guard, or your own class or kernels in FILE.py.",
+    help="Controller of honest robots: flock, guard, or your own class or kernels in FILE.py.",
     shell_complete=a_scenario_s_controller,
     metavar="FILE.py[:CLASS]",
 )
 planner_option = option(
     "--planner",
-    help="Planner for guarded robots, a class of your own. Default: straight to the goal.",
+    help="Your own planner class for guarded robots. Default: straight to the goal.",
     metavar="FILE.py:CLASS",
 )
 record_option = option(
@@ -154,8 +154,8 @@ wait_option = option(
 )
 furnish_option = option(
     "--furnish",
-    help="The mission that the FILEs were built from. It says what a FILE does not: which codes hang on the walls,"
-    " which actions robots can do, and where they begin.",
+    help="The mission that the FILEs were built from. It adds what a FILE does not contain: codes on the walls, the"
+    " robots' actions, and their start.",
     metavar="MISSION.yaml|BUILTIN",
     shell_complete=a_mission,
 )

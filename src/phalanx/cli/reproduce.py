@@ -1,4 +1,4 @@
-"""`phalanx reproduce`: measures figures, says how ours compare, and draws them."""
+"""`phalanx reproduce`: measure figures, compare them with the papers', and draw them."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ def reproduce(
     as_json: bool,
     scheduler: str | None = None,
     workers: int | None = None,
-    **said: Any,
+    **options: Any,
 ) -> int:
-    """Measures the figure of that name, compares, draws; 1 if it was stopped."""
+    """Measure a figure, compare it and draw it. Return 1 if interrupted."""
     chosen = FIGURES[figure]
-    login = {"login": read_login(said.pop("broker_login"))} if chosen.has_login else {}
-    asked = chosen.asked({name: value for name, value in said.items() if value is not None}, quick=quick)
+    login = {"login": read_login(options.pop("broker_login"))} if chosen.has_login else {}
+    asked = chosen.asked({name: value for name, value in options.items() if value is not None}, quick=quick)
     chosen.check(asked)
     warn_if_nothing_is_drawn()
     csv = chosen.csv(out)
     if not _measure(chosen, out, asked | login, _each_case(scheduler, workers)):
-        return stopped(_kept(f"whole {chosen.counted} are", csv))
+        return stopped(_kept(f"complete {chosen.counted} are", csv))
     table = read_table(csv, chosen.name)
-    told = report(chosen, table)
+    comparison = report(chosen, table)
     if as_json:
-        print_json({"rows": told.rows, "csv": str(csv), **told.more, "version": table.version})
+        print_json({"rows": comparison.rows, "csv": str(csv), **comparison.more, "version": table.version})
     else:
-        click.echo("\n".join(told.lines))
+        click.echo("\n".join(comparison.lines))
     for path in draw(csv, chosen):
         click.echo(f"drawn: {path}", err=True)
     return 0
@@ -61,7 +61,7 @@ def _each_case(scheduler: str | None, workers: int | None) -> EachCase:
 
 
 def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: Path, as_json: bool) -> int:
-    """Measures every figure and writes the page; 1 if it was stopped or a figure failed."""
+    """Measure every figure and write the page. Return 1 if interrupted, or if a figure failed."""
     each_case = _each_case(scheduler, workers)
     warn_if_nothing_is_drawn()
     path, shown, whole = out / PAGE, list[Shown](), True
@@ -70,7 +70,7 @@ def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: 
             found = _show(each, out, one_by_one if each.alone else each_case, quick=quick)
         except PhalanxError as error:
             found = Shown(figure=each, failure=str(error))
-        except Exception as error:  # one figure must not end the others, whatever is wrong with it
+        except Exception as error:  # a failure of one figure must not end the others
             log.debug("%s", each.name, exc_info=error)
             found = Shown(figure=each, failure=f"{type(error).__name__}: {error}".splitlines()[0])
         if found is None:
@@ -98,7 +98,7 @@ def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: 
 
 
 def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Shown | None:
-    """What came of a figure; None if it was stopped."""
+    """Return the result of a figure, or None if interrupted."""
     asked = figure.asked({}, quick=quick)
     if not _measure(figure, out, asked, each_case, f"{figure.name}: "):
         return None
@@ -111,18 +111,18 @@ def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Sho
 
 
 def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCase, begin: str = "") -> bool:
-    """Whether it was measured to its end; what is there already is not measured again."""
+    """Measure a figure and return whether it was completed; existing runs are not repeated."""
     body, progress = figure.body, Progress()
 
-    def tell(done: float, of: int) -> None:
+    def show_progress(done: float, of: int) -> None:
         progress.tell(f"{begin}{int(done)} of {of} {figure.counted}", done / of)
 
     if inspect.iscoroutinefunction(getattr(body, "measure", None)):
-        finished = run(body.measure(out, tell, **asked))
+        finished = run(body.measure(out, show_progress, **asked))
     else:
         try:
             with handled_by(signal.default_int_handler, signal.SIGTERM):
-                measure(out, figure, asked["seeds"], tell, each_case)
+                measure(out, figure, asked["seeds"], show_progress, each_case)
             finished = True
         except KeyboardInterrupt:
             finished = False
@@ -139,5 +139,5 @@ def _write(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another folder with --out") from error
-    write_whole(path, text.encode(), "choose another folder with --out")
+        raise Unavailable(f"cannot write {path}: {error.strerror}", "use another folder with --out") from error
+    write_whole(path, text.encode(), "use another folder with --out")

@@ -1,4 +1,4 @@
-"""`phalanx link revive`."""
+"""`phalanx link revive`: restart a stopped simulated robot."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .terminal import plain, print_json
 
 
 def revive(robot: str, state: Path | None, as_json: bool) -> None:
-    """Has a stopped robot begin anew."""
+    """Restart a stopped robot."""
     ask_gateway(state, "link/revive", {"robot": robot})
     if as_json:
         print_json({"revived": robot})
     else:
-        click.echo(f"{plain(robot)} begins anew in a few seconds")
+        click.echo(f"{plain(robot)} restarts in a few seconds")

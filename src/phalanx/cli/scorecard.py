@@ -1,4 +1,4 @@
-"""`phalanx attack scorecard`: every attack, every defence, every protocol, through the machinery of sweeps."""
+"""`phalanx attack scorecard`: run every attack against every defence in every protocol, as a sweep."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def scorecard(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Make missing runs and the table of all; 1 if it was stopped, a run failed, or `hardened` missed."""
+    """Make missing runs and the table of all. Return 1 if interrupted, a run failed, or `hardened` broke a promise."""
     with said_aside():
         plan = scorecard_plan([*map(absolute, attacks)], [*map(absolute, controllers)], seeds)
     warn_if_nothing_is_drawn()

@@ -1,4 +1,4 @@
-"""`phalanx sim`: run a scenario, list those that come with it, print the schema of their files."""
+"""`phalanx sim`: run scenarios and check controllers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from phalanx.world.scenarios.run import Run
 
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside, stopped
 
-# What people typed, for what a scenario calls otherwise.
+# The options of scenario fields with another name.
 TYPED = {
     "grid_step_m": "--spacing",
     "spacing_m": "--spacing",
@@ -35,18 +35,18 @@ TYPED = {
 }
 
 
-def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
-    """The scenario with what `swarm_options` were given. Raises: UsageError: as for the scenario."""
+def changed(scenario: Scenario, options: dict[str, Any], **more: Any) -> Scenario:
+    """Return the scenario, changed by `swarm_options`. Raises: UsageError: as for the scenario."""
     try:
-        return scenario.with_options(**said, **more)
+        return scenario.with_options(**options, **more)
     except UsageError as error:
-        said_as = re.sub(r"^\w+(?= is )", lambda field: TYPED.get(field[0], field[0]), str(error))
-        raise UsageError(said_as, error.hint) from error
+        message = re.sub(r"^\w+(?= is )", lambda field: TYPED.get(field[0], field[0]), str(error))
+        raise UsageError(message, error.hint) from error
 
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """A scenario to run, a researcher's own controller and planner or None, and their files."""
+    """A scenario to run, with the user's own controller and planner, or None, and the files they come from."""
 
     scenario: Scenario
     controller: Callable[[int], Controller] | None
@@ -55,26 +55,27 @@ class Chosen:
 
     @property
     def is_own(self) -> bool:
-        """Return whether the controller is of a researcher's file."""
+        """Return whether the controller comes from a user's file."""
         return self.controller is not None or is_file(self.scenario.controller)
 
 
 def choose(
-    scenario: str, defence: Any, attacks: tuple[str, ...], controller: str | None, planner: str | None, **said: Any
+    scenario: str, defence: Any, attacks: tuple[str, ...], controller: str | None, planner: str | None, **options: Any
 ) -> Chosen:
-    """Return what the options of `chosen_options` name. Raises: UsageError, Unavailable: one names nothing usable."""
+    """Return the scenario, controller and planner that `chosen_options` name. Raises: UsageError, Unavailable."""
     with said_aside():
-        liars = find_attacks(attacks) if attacks else None
-        found, own = find_controller(controller, changed(find_scenario(scenario), said, defence=defence, attacks=liars))
+        chosen_attacks = find_attacks(attacks) if attacks else None
+        wanted = changed(find_scenario(scenario), options, defence=defence, attacks=chosen_attacks)
+        found, own = find_controller(controller, wanted)
         return Chosen(found, own, find_planner(planner), (controller, planner, *attacks))
 
 
-def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool, as_json: bool, **said: Any) -> int:
-    """Run a scenario and sum it up on stdout; 1 if a correct robot that had a quorum was stopped."""
+def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool, as_json: bool, **options: Any) -> int:
+    """Run a scenario and print a summary. Return 1 if a correct robot with a quorum was stopped."""
     traced = _traced(trace) if trace else None
-    lines = sys.stderr if as_json else sys.stdout  # before a controller's own words are turned aside
+    lines = sys.stderr if as_json else sys.stdout  # before stdout is redirected for the controller
     before = _written(record)
-    chosen = choose(scenario, **said)
+    chosen = choose(scenario, **options)
     warn(chosen.scenario)
     tell = progress(chosen.scenario.duration_s) if traced is None else lambda _run: None
 
@@ -94,7 +95,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
                 on_start=on_start,
             )
     except KeyboardInterrupt:
-        return stopped(f"recorded until then: {record}" if _written(record) != before else "")
+        return stopped(f"recorded so far: {record}" if _written(record) != before else "")
     end_status_line()
     summary = ended.summary()
     if as_json:
@@ -106,15 +107,15 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
         click.echo(f"recorded: {record}", err=True)
     wronged = summary["correct_in_safe_mode"]
     if wronged:
-        click.echo(f"phalanx: correct robots that had a quorum were stopped: {named(wronged)}", err=True)
+        click.echo(f"phalanx: correct robots with a quorum were stopped: {named(wronged)}", err=True)
         if chosen.is_own:
             click.echo(f"phalanx: hint: phalanx sim check {chosen.files[0]}", err=True)
     return int(bool(wronged))
 
 
 def check(controller: str, seed: int, as_json: bool) -> int:
-    """Check that a controller can be audited, print where it differs, and return 1 if it does."""
-    from phalanx.lab.determinism.check import check_controller  # noqa: PLC0415 - only this needs it
+    """Check that auditors can replay a controller, print where its outputs differ, and return 1 if they do."""
+    from phalanx.lab.determinism.check import check_controller  # noqa: PLC0415 - needed here only
 
     with said_aside():
         report = check_controller(controller, seed)
@@ -126,30 +127,30 @@ def check(controller: str, seed: int, as_json: bool) -> int:
     return 0 if report.agrees else 1
 
 
-def _traced(said: tuple[str, ...]) -> int:
-    """Return the robot of `--trace robot=5`. Raises: UsageError: it is written otherwise, or several are named."""
-    if len(said) > 1:
-        raise UsageError(f"--trace {' --trace '.join(said)}", "one robot a run")
-    (words,) = said
+def _traced(texts: tuple[str, ...]) -> int:
+    """Return the robot of `--trace robot=5`. Raises: UsageError: invalid, or several robots."""
+    if len(texts) > 1:
+        raise UsageError(f"--trace {' --trace '.join(texts)}", "trace one robot per run")
+    (words,) = texts
     found = re.fullmatch(r"robot=(\d{1,5})", words)
     if not found:
-        raise UsageError(f"--trace {words}", "--trace robot=5: the number of one robot")
+        raise UsageError(f"--trace {words}", "give the number of one robot, such as --trace robot=5")
     return int(found[1])
 
 
 def _written(record: Path | None) -> int:
-    """When the recording was written last, ns; 0 if it is not there: a run may be stopped before its first step."""
+    """Return the modification time of the recording, ns, or 0 if missing: a run can stop before its first step."""
     return record.stat().st_mtime_ns if record and record.exists() else 0
 
 
 def warn(scenario: Scenario) -> None:
-    """A line on stderr for each thing by which the scenario can hardly end well."""
+    """Print a warning on stderr for each setting with which the scenario is likely to fail."""
     for words in cautions(scenario):
         click.echo(f"phalanx: warning: {words}", err=True)
 
 
 def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:
-    """Progress on stderr."""
+    """Return a function that shows a run's progress on stderr."""
     so_far = Progress()
 
     def tell(run: Run) -> None:
@@ -161,9 +162,9 @@ def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:
 
 
 def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True) -> None:
-    """Print a run's summary for people, without the goal where only the controller knows where it goes.
+    """Print the summary of a run, without the goal if only the controller knows it.
 
-    Robots that obey orders have no goal, and their bodies none of the sizes by which contacts count.
+    Robots that follow orders have no goal, and no sizes from which contacts could be counted.
     """
     is_driven = scenario.controller == WHEELS
     to_goal = told(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots")
@@ -175,14 +176,14 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
             name: "nothing to count yet" if done is None else f"{done:g}, of correct robots"
             for name, done in summary.get("task", {}).items()
         },
-        "compromised": "; ".join(map(_liar, summary["compromised"])) or "nobody",
+        "compromised": "; ".join(map(_liar, summary["compromised"])) or "none",
         "stopped with a quorum": named(summary["correct_in_safe_mode"]),
         "stopped, no quorum": named(summary["without_quorum"]),
         **({} if is_driven else {"contacts": str(summary["contacts"])}),
-        "sent": "{app:.0f} B/s a robot by the flock, {audit:.0f} by the audits, each try counted".format(
+        "sent": "{app:.0f} B/s per robot by the flock, {audit:.0f} by the audits, retries included".format(
             **summary["tried_bytes_per_s_per_robot"]
         ),
-        "on the air": "{app:.2f} % of the time a robot for the flock, {audit:.2f} for the audits".format(
+        "on the air": "{app:.2f} % of the time per robot for the flock, {audit:.2f} for the audits".format(
             **summary["airtime_pct_per_robot"]
         ),
         "longest log": f"{summary['log_bytes_max']} B",
@@ -195,12 +196,12 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
 
 
 def told(value: float | None, form: str, unit: str = "") -> str:
-    """A number, or a dash where there is none."""
+    """Format a number, or return a dash for None."""
     return "-" if value is None else f"{value:{form}}{unit}"
 
 
 def _speed(factor: float | None) -> str:
-    """Return a speed with three digits that count, written out: 1 720 times real time."""
+    """Return a speed with three significant digits, written out: 1 720 times real time."""
     return "-" if factor is None else f"{float(f'{factor:.3g}'):,g} times real time".replace(",", " ")
 
 
@@ -212,6 +213,6 @@ def _liar(liar: dict[str, Any]) -> str:
 
 
 def named(ids: Sequence[int]) -> str:
-    """Return robots by their ids, which nobody can take for a count."""
+    """Return robots by their ids, such as "robots 3, 5": a bare 3 could be taken for a count."""
     which = ", ".join(map(str, ids))
     return f"robot{'s' * (len(ids) > 1)} {which}" if which else "none"

@@ -1,4 +1,4 @@
-"""`phalanx sweep`: runs what is not there yet, and says what each point of the grid came to."""
+"""`phalanx sweep`: make the missing runs, and print the results of each point of the grid."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from phalanx.papers.table import version
 from .sim import told
 from .terminal import Progress, end_status_line, print_json, print_table, said_aside, talk
 
-MOST_FAILURES = 10  # that are told one by one
+MOST_FAILURES = 10  # printed one by one
 
 
 def sweep(file: Path, scheduler: str | None, workers: int | None, out: Path | None, as_json: bool) -> int:
-    """Runs a sweep; 1 if it was stopped or a run failed."""
+    """Run a sweep. Return 1 if interrupted, or if a run failed."""
     chosen = read_sweep(file)
     store, failed, stopped = make_runs(chosen, out or Path("out") / file.stem, scheduler, workers)
     if stopped:
@@ -38,18 +38,18 @@ def make_runs(
     scheduler: str | None,
     workers: int | None,
     columns: Mapping[str, str] = OUTCOME,
-    run: Callable[[Any], dict[str, Any]] | None = None,  # makes a job's row; None for a sweep's
+    run: Callable[[Any], dict[str, Any]] | None = None,  # returns a job's row; None: as for sweeps
 ) -> tuple[Store, list[str], bool]:
-    """Return all runs, what failed, and whether Ctrl-C came first. Raises: UsageError, Unavailable."""
+    """Return all runs, the failures, and whether Ctrl-C interrupted them. Raises: UsageError, Unavailable."""
     progress, failed, stopped = Progress(), list[str](), False
 
-    def tell(done: int, of: int) -> None:
+    def show_progress(done: int, of: int) -> None:
         progress.tell(f"{done} of {of} runs", done / of)
 
     with Store(out, plan, version(), columns) as store:
         try:
             with said_aside():
-                failed = run_sweep(plan, store, scheduler, workers, tell, run=run)
+                failed = run_sweep(plan, store, scheduler, workers, show_progress, run=run)
         except KeyboardInterrupt:
             stopped = True
         end_status_line()

@@ -1,4 +1,4 @@
-"""Print to a terminal a status line, rows and JSON, and read its emergency stop."""
+"""Print a status line, rows and JSON to a terminal, and read the emergency stop from it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import click
 
 from phalanx.papers.figure import MATPLOTLIB_HINT
 
-EVERY_S = 5.0  # between two lines of progress where there is no terminal
+EVERY_S = 5.0  # between two lines of progress without a terminal
 MOST_LINES = 10_000
 STOP, GO = ("", "stop"), "go"
 IN_THE_BACKGROUND_S = 1.0
@@ -28,7 +28,7 @@ LONGEST = 4096
 
 
 def status_line(text: str, *more: str) -> None:
-    """Put `text` in the place of the last status line; only in a terminal. Of `more`, what comes first fits first."""
+    """Replace the status line by `text`, on terminals only. Parts of `more` are appended in order while they fit."""
     if sys.stderr.isatty():
         width = shutil.get_terminal_size().columns - 1
         for part in more:
@@ -40,26 +40,26 @@ def status_line(text: str, *more: str) -> None:
 
 @contextlib.contextmanager
 def said_aside() -> Iterator[None]:
-    """Send to stderr what files of a researcher's print while they run: stdout is data."""
+    """Send what users' own files print to stderr while they run, as stdout is data."""
     with contextlib.redirect_stdout(sys.stderr):
         yield
 
 
 def end_status_line() -> None:
-    """Leave the status line and go on below it."""
+    """Keep the status line and continue below it."""
     if sys.stderr.isatty():
         click.echo("", err=True)
 
 
 class Progress:
-    """What is done so far, on stderr: one line that changes in a terminal; elsewhere a line now and then."""
+    """Progress on stderr: one changing line on a terminal, elsewhere a line every EVERY_S."""
 
     def __init__(self) -> None:
         self._due_s = time.monotonic() + EVERY_S
         self._over = False
 
     def tell(self, text: str, share: float) -> None:
-        """`share` of the work is done, 0 to 1."""
+        """Show that `share` of the work is done, 0 to 1."""
         status_line(f"{text}   {100 * share:.0f} %   Ctrl-C stops")
         over, now_s = share >= 1, time.monotonic()
         if not sys.stderr.isatty() and (now_s >= self._due_s or (over and not self._over)):
@@ -69,7 +69,7 @@ class Progress:
 
 
 def beside(head: str, text: str) -> str:
-    """`text` to the right of `head`, in lines as wide as the terminal; one line where stdout is none."""
+    """Return `text` to the right of `head`, wrapped to the terminal's width; in one line if stdout is no terminal."""
     if not sys.stdout.isatty():
         return head + text
     width = shutil.get_terminal_size().columns
@@ -77,50 +77,50 @@ def beside(head: str, text: str) -> str:
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Rows under their heads, on stdout, each column as wide as its widest cell."""
+    """Print rows under their headings on stdout, each column as wide as its widest cell."""
     widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
     for line in (heads, *rows):
         click.echo("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
 def counted(count: int, what: str) -> str:
-    """`1 robot`, `2 robots`."""
+    """Return `1 robot`, `2 robots`."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def print_rows(rows: Mapping[str, str]) -> None:
-    """What is told under each label, on stdout."""
+    """Print each label with its text, on stdout."""
     for label, words in rows.items():
         click.echo(f"{label:22} {words}")
 
 
 def talk(words: str) -> None:
-    """One line on stderr, in the place of the status line if there is one."""
+    """Print one line on stderr, in place of the status line."""
     status_line("")
     click.echo(f"phalanx: {words}", err=True)
 
 
 def warn_if_nothing_is_drawn() -> None:
-    """One line on stderr before minutes are spent on a figure that cannot be drawn."""
+    """Warn on stderr, before the measurement, that figures cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
         click.echo(f"phalanx: warning: matplotlib is not installed, nothing will be drawn; {MATPLOTLIB_HINT}", err=True)
 
 
 def stopped(kept: str = "") -> int:
-    """Tell on stderr that Ctrl-C stopped the command, and what is kept of it. Returns: the exit code."""
+    """Print that Ctrl-C stopped the command, and what is kept. Return the exit code."""
     end_status_line()
     click.echo("; ".join(filter(None, ("stopped", kept))), err=True)
     return 1
 
 
 def plain(text: object, longest: int = 60) -> str:
-    """`text` from a peer, without the characters that would command the terminal instead of showing in it."""
+    """Return a peer's `text` without control characters, which would command the terminal, and shortened."""
     shown = "".join(letter if letter.isprintable() else "?" for letter in str(text))
     return shown if len(shown) <= longest else shown[: longest - 1] + "…"
 
 
 class EventLines:
-    """Prints JSON lines from a thread: behind a reader that stalls it drops lines past MOST_LINES or `limit_bytes`."""
+    """Printer of JSON lines in a thread. If the reader stalls, it drops lines beyond MOST_LINES or `limit_bytes`."""
 
     def __init__(self, limit_bytes: int = 16 * 1024 * 1024) -> None:
         self.lost = 0
@@ -132,7 +132,7 @@ class EventLines:
         self._thread.start()
 
     def __call__(self, event: dict[str, Any]) -> None:
-        """Print `event` soon, with the time of now."""
+        """Enqueue `event` with the current time."""
         line = json_line(timed(event))
         if self._put_bytes - self._got_bytes + len(line) > self._limit_bytes:
             self.lost += 1
@@ -144,7 +144,7 @@ class EventLines:
             self.lost += 1
 
     def close(self, timeout_s: float = 0.5) -> None:
-        """Print what waits, if somebody reads. Raises: OSError: nothing more can be written: the disk is full."""
+        """Print the queued lines if the reader keeps up. Raises: OSError: the disk is full."""
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(None)
         self._thread.join(timeout_s)
@@ -165,22 +165,22 @@ class EventLines:
 
 
 def timed(event: dict[str, Any]) -> dict[str, Any]:
-    """`event`, and when it is told: seconds since 1970, to the millisecond."""
+    """Return `event` with the current time, seconds since 1970, to the millisecond."""
     return {**event, "at_s": round(time.time(), 3)}
 
 
 def json_line(value: Any) -> str:
-    """`value` as one line of JSON: ASCII, so that a character is a byte."""
+    """Return `value` as one line of JSON in ASCII, so that a character is a byte."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False)
 
 
 def print_json(value: Any) -> None:
-    """One line of JSON on stdout, at once. If whoever read it has gone, a running gateway is asked to end."""
+    """Print one line of JSON on stdout, flushed. If the reader has exited, end a running gateway."""
     write_line(json_line(value))
 
 
 def write_line(line: str) -> None:
-    """`line` on stdout, at once. If whoever read it has gone, a running gateway is asked to end."""
+    """Print `line` on stdout, flushed. If the reader has exited, end a running gateway."""
     try:
         click.echo(line)
     except BrokenPipeError:
@@ -191,8 +191,8 @@ def write_line(line: str) -> None:
 
 
 def heed_stop_words(hold: Callable[[bool], None], others: Mapping[str, Callable[[], object]] | None = None) -> None:
-    """Enter or `stop` on stdin holds all robots, `go` lets them go again, until stdin ends; so for other words."""
-    # A shell's background job may not read: it is told so by an error instead of being stopped itself.
+    """Read commands from stdin: Enter or `stop` holds all robots, `go` releases them, and `others` by word."""
+    # A background job that reads gets an error instead of being stopped by SIGTTIN.
     signal.signal(signal.SIGTTIN, signal.SIG_IGN)
     threading.Thread(target=_listen, args=(hold, others or {}), name="stop word", daemon=True).start()
 
@@ -201,14 +201,14 @@ def _listen(hold: Callable[[bool], None], others: Mapping[str, Callable[[], obje
     waiting = b""
     while True:
         try:
-            # By hand: a thread that sits in a buffer's lock does not let the interpreter end.
-            said = os.read(sys.stdin.fileno(), LONGEST)
+            # Unbuffered: a thread that holds a buffer's lock would keep the interpreter from exiting.
+            data = os.read(sys.stdin.fileno(), LONGEST)
         except OSError:
             time.sleep(IN_THE_BACKGROUND_S)
             continue
-        if not said:
+        if not data:
             return
-        *lines, waiting = (waiting + said).split(b"\n")
+        *lines, waiting = (waiting + data).split(b"\n")
         waiting = waiting[:LONGEST]
         for line in lines:
             word = line.decode(errors="replace").strip().lower()
@@ -221,9 +221,9 @@ def _listen(hold: Callable[[bool], None], others: Mapping[str, Callable[[], obje
 def _obey(word: str, hold: Callable[[bool], None]) -> None:
     if word in STOP:
         hold(True)
-        talk("all robots stand still; type go and Enter to let them go")
+        talk("all robots are stopped; type go and Enter to release them")
     elif word == GO:
         hold(False)
         talk("robots may move again")
     else:
-        talk("Enter, or stop and Enter, stops all robots; go and Enter lets them go again")
+        talk("Enter, or stop and Enter, stops all robots; go and Enter releases them")

@@ -1,4 +1,4 @@
-"""`phalanx up`."""
+"""`phalanx up`: run a gateway from the options of the command line."""
 
 from __future__ import annotations
 
@@ -73,9 +73,9 @@ def up(
     tour: bool,
     **served: Any,
 ) -> None:
-    """Runs a gateway until it is stopped."""
+    """Run a gateway until it is stopped."""
     if seed < 0:
-        raise UsageError(f"seed {seed} is negative", "0 or more")
+        raise UsageError(f"seed {seed} is negative", "use 0 or more")
     on_mission = bool(missions) or world is not None
     if swarm_url is not None:
         simulated = {"robots": robots, "scenario": protocol, "mission": missions, "world": world}
@@ -96,69 +96,70 @@ def up(
         **served,
     )
     if not pages_are_built():
-        click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
+        click.echo("phalanx: warning: the pages are not built, so phones get none; run: make setup", err=True)
     if keys is None and passphrase_file is not None:
-        raise UsageError("--passphrase-file without --keys", "both, or neither")
+        raise UsageError("--passphrase-file without --keys", "give both, or neither")
     if keys is not None and on_mission:
-        raise UsageError("--keys and --mission together", "robots on a mission make their own keys: leave one out")
+        raise UsageError("--keys with --mission", "leave one out: robots on a mission create their own keys")
     if protocol is not None and on_mission:
-        raise UsageError("--scenario and --mission together", "robots on a mission do nothing else: leave one out")
+        raise UsageError("--scenario with --mission", "leave one out: robots on a mission have no other task")
     if tour:
-        told = {"swarm": swarm_url, "mission": missions, "world": world, "keys": keys, "scenario": protocol}
-        _refuse_with_tour(told | {"duration": options.duration_s, "qrkey": options.qrkey, "revive": options.revive_s})
+        fixed = {"swarm": swarm_url, "mission": missions, "world": world, "keys": keys, "scenario": protocol}
+        _refuse_with_tour(fixed | {"duration": options.duration_s, "qrkey": options.qrkey, "revive": options.revive_s})
         plan = plan_swarm(count, defence, f_max)
         if plan.defence == "none":
-            raise UsageError("--tour needs robots that audit each other", "at least 5 robots")
+            raise UsageError("--tour needs robots that audit each other", "use at least 5 robots")
         driven = partial(_simulated, plan, seed)
         office = partial(_on_mission, Wanted((TOUR_MISSION,), None, None, (), "--start-key"), seed)
-        _run_for(options, events, lambda tell, started: run_tour(options, tell, started, driven, office))
+        _run_for(options, events, lambda report, started: run_tour(options, report, started, driven, office))
         return
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
     with (
         _real_robots(swarm_url, options.wait_s)
         if swarm_url is not None
-        else _robots(wanted, world, count, seed, defence, f_max) as lived
+        else _robots(wanted, world, count, seed, defence, f_max) as mission_robots
     ):
         swarm: Callable[[], Swarm]
-        if lived is None:
+        if mission_robots is None:
             plan = plan_swarm(count, defence, f_max, protocol or "")
-            # Last of all that may be refused: a mission's number is used up.
+            # After all other checks, as it uses up a mission number.
             owned = None if keys is None else keys_for_next_mission(keys, passphrase_file, plan)
             swarm = partial(simulated_swarm, plan, seed, talk, owned)
         else:
-            swarm = partial(_as_is, lived)
-        _run_for(options, events, lambda tell, started: run_gateway(options, tell, started, swarm=swarm))
+            swarm = partial(_as_is, mission_robots)
+        _run_for(options, events, lambda report, started: run_gateway(options, report, started, swarm=swarm))
 
 
 def _refuse_without_broker(link: LinkConfig, served: dict[str, Any], broker_login: Path | None) -> None:
-    """Refuse options of a broker or of mode qrkey without it. Raises: UsageError."""
+    """Refuse options that need --broker or --qrkey if it is missing. Raises: UsageError."""
     default = LinkConfig()
     changed = {name: getattr(link, name) != getattr(default, name) for name in ("pin_digits", "rotate_s", "overlap_s")}
     of_qrkey = {"frontend": served["frontend"], **changed}
     of_broker = {"broker_ws": served["broker_ws"], "broker_login": broker_login, "root": link.root != default.root}
     for needed, given in (("broker", of_broker), ("qrkey", of_qrkey)):
-        for name, said in given.items():
-            if said and not served[needed]:
+        for name, value in given.items():
+            if value and not served[needed]:
                 option = f"--{name.replace('_', '-')}"
-                hint = "leave it out: visitors reach this machine itself; or --broker mosquitto|URL"
+                hint = "leave it out, as visitors connect to this machine directly; or add --broker mosquitto|URL"
                 raise UsageError(f"{option} without --{needed}", hint + " --qrkey" * (needed == "qrkey"))
 
 
 def _wifi(ssid: str | None, password_file: Path | None) -> Wifi | None:
-    """Return the visitors' network. Raises: UsageError: there can be no such, or its password cannot be read."""
+    """Return the visitors' Wi-Fi network. Raises: UsageError: invalid, or its password file is unreadable."""
     if ssid is None:
         if password_file is not None:
-            raise UsageError("--wifi-password-file without --wifi", "say the network's name: --wifi SSID")
+            raise UsageError("--wifi-password-file without --wifi", "add the network's name: --wifi SSID")
         return None
     if password_file is None:
         return Wifi(ssid)
+    hint = "use a file with the password in its first line"
     try:
         password = password_file.read_text().partition("\n")[0].rstrip("\r")
     except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or "no text"
-        raise UsageError(f"cannot read {plain(password_file)}: {why}", "a file with the password in a line") from error
+        why = getattr(error, "strerror", None) or "not text"
+        raise UsageError(f"cannot read {plain(password_file)}: {why}", hint) from error
     if not password:
-        raise UsageError(f"{plain(password_file)} is empty", "a file with the password in a line")
+        raise UsageError(f"{plain(password_file)} is empty", hint)
     return Wifi(ssid, password)
 
 
@@ -166,26 +167,26 @@ def _as_is(swarm: Swarm) -> Swarm:
     return swarm
 
 
-def _refuse_beside_real_robots(**said: Any) -> None:
-    for name, value in said.items():
+def _refuse_beside_real_robots(**options: Any) -> None:
+    for name, value in options.items():
         if value not in (None, ()):
             raise UsageError(
-                f"--swarm and --{name.replace('_', '-')}",
-                "real robots are as many as there are, are driven, and protected as they are: leave one out",
+                f"--swarm with --{name.replace('_', '-')}",
+                "leave one out: real robots have their own number, controllers and protection",
             )
 
 
 def keys_for_next_mission(file: Path, passphrase_file: Path | None, plan: Plan) -> SwarmKeys:
-    """For its robots; the mission's number is used up. Raises: UsageError: they are not all in the swarm."""
+    """Return the keys of its robots; uses up a mission number. Raises: UsageError: a robot has none."""
     robots = plan.robots
     if plan.defence == "none":
-        raise UsageError("--keys without audits", "robots that do not audit each other have no keys: leave it out")
+        raise UsageError("--keys without audits", "leave it out: robots need keys only to audit each other")
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         masters = {robot: keys.master(robot) for robot in range(1, robots + 1)}
         number, sealed = keys.issue()
         for robot in sorted(masters.keys() - sealed.keys()):
             raise UsageError(
-                f"robot {robot} was retired on {keys.robots[robot].retired}", f"--robots {robot - 1}, or other keys"
+                f"robot {robot} was retired on {keys.robots[robot].retired}", f"use --robots {robot - 1}, or other keys"
             )
         boards = [(master, sealed[robot]) for robot, master in masters.items()]
     talk(f"mission {number} of {keys.name}")
@@ -197,12 +198,12 @@ def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
         return _ros2(wait_s)
     if Path(words).suffix not in (".yaml", ".yml"):
         return _dotbots(parse_dotbot_url(words), wait_s)
-    from phalanx.daemon.swarm import RobotSwarm  # noqa: PLC0415 - as much to import as all the rest
+    from phalanx.daemon.swarm import RobotSwarm  # noqa: PLC0415 - slow to import
     from phalanx.daemon.swarm_file import read_swarm  # noqa: PLC0415
 
     settings = read_swarm(Path(words))
-    folder, said = settings.path.parent, settings.said
-    keys = read_signing_key(folder / said.gateway), read_signing_key(folder / said.operator)
+    folder, entries = settings.path.parent, settings.said
+    keys = read_signing_key(folder / entries.gateway), read_signing_key(folder / entries.operator)
     swarm = RobotSwarm(settings, *keys)
     if swarm.unchecked:
         talk(swarm.unchecked)
@@ -211,7 +212,7 @@ def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
 
 @contextlib.contextmanager
 def _ros2(wait_s: float) -> Iterator[Swarm]:
-    """Robots of a ROS domain, when one of them has told of itself."""
+    """Return the robots of a ROS domain, once the first of them is discovered."""
     with needs_ros2():
         from phalanx.bridges.ros2.swarm import RosSwarm  # noqa: PLC0415 - an extra
     with RosSwarm(wait_s) as swarm:
@@ -221,15 +222,16 @@ def _ros2(wait_s: float) -> Iterator[Swarm]:
 
 @contextlib.contextmanager
 def _dotbots(controller: DotbotUrl, wait_s: float) -> Iterator[Swarm]:
-    """DotBots, when their controller has told of them."""
+    """Return the DotBots, once their controller has reported them."""
     if not controller.is_here:
         log.warning(
-            "anybody who reaches %s can drive the robots without this gateway: its API has no login; hint: have it"
+            "anybody who reaches %s can drive the robots without this gateway: its API has no login; hint: let it"
             " listen on 127.0.0.1, and run phalanx up on that machine",
             controller,
         )
     with DotbotSwarm(controller, wait_s) as swarm:
-        talk(f"{swarm.unprotected}; routes have at most {swarm.longest_route} points, and go on if we are killed")
+        routes = f"routes have at most {swarm.longest_route} points, and continue if this process is killed"
+        talk(f"{swarm.unprotected}; {routes}")
         yield swarm
 
 
@@ -237,9 +239,9 @@ def _dotbots(controller: DotbotUrl, wait_s: float) -> Iterator[Swarm]:
 def _robots(
     wanted: Wanted, world: str | None, count: int, seed: int, defence: str | None, f_max: int | None
 ) -> Iterator[Swarm | None]:
-    """Robots that live missions, and have begun the first if there is one; None if no mission is wanted."""
+    """Return robots for missions, which have started the first one if it exists; None if no mission is wanted."""
     if not wanted.sources and world is None:
-        wanted.read()  # nothing may be said of files that are not there
+        wanted.read()  # refuses options of mission files
         yield None
         return
     plan, orders = _orders(wanted, world)
@@ -255,10 +257,10 @@ def _orders(wanted: Wanted, world: str | None) -> tuple[FloorPlan, Orders | None
     return plan, orders_of(plain, build(plain, BuildOptions(), os.urandom), plan) if plain else None
 
 
-def _refuse_with_tour(said: dict[str, Any]) -> None:
-    for name, value in said.items():
+def _refuse_with_tour(options: dict[str, Any]) -> None:
+    for name, value in options.items():
         if value not in (None, (), False):
-            raise UsageError(f"--tour and --{name}", "the tour chooses what is shown: leave one out")
+            raise UsageError(f"--tour with --{name}", "leave one out: the tour has a fixed program")
 
 
 @contextlib.contextmanager
@@ -274,22 +276,22 @@ def _on_mission(wanted: Wanted, seed: int) -> Iterator[Swarm]:
 
 
 def _run_for(options: UpOptions, events: bool, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
-    """Run a gateway for a program that reads events, or for people."""
+    """Run a gateway that prints events for programs, or a display for people."""
     if not events:
         _run_for_people(options, make)
         return
     lines = EventLines()
     try:
-        run(make(lines, partial(_start, [], heeds=True)))
+        run(make(lines, partial(_start, [], reads_stdin=True)))
     finally:
         lines.close()
 
 
-def _start(newest: list[Running], running: Running, *, heeds: bool, shows_tablet: bool = False) -> None:
-    """Keep the newest gateway, as a tour begins one each minute.
+def _start(newest: list[Running], running: Running, *, reads_stdin: bool, shows_tablet: bool = False) -> None:
+    """Keep the newest gateway in `newest`: a tour starts one each minute.
 
-    With `heeds` stdin's words stop and free its robots, and with `shows_tablet` one shows a code for an operator's
-    tablet. One thread reads them: a second one would take its words.
+    With `reads_stdin`, commands on stdin stop and release its robots. With `shows_tablet`, another command shows a code
+    for an operator's tablet. Only one thread reads stdin: a second one would take some of its lines.
     """
 
     def hold(held: bool) -> None:
@@ -297,7 +299,7 @@ def _start(newest: list[Running], running: Running, *, heeds: bool, shows_tablet
 
     is_first = not newest
     newest[:] = [running]
-    if is_first and heeds:
+    if is_first and reads_stdin:
         loop = asyncio.get_running_loop()
         tablet = partial(loop.call_soon_threadsafe, lambda: _show_tablet_code(newest[0]))
         heed_stop_words(hold, {"tablet": tablet} if shows_tablet else {})
@@ -306,26 +308,26 @@ def _start(newest: list[Running], running: Running, *, heeds: bool, shows_tablet
 def _run_for_people(options: UpOptions, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
     status: asyncio.Task[None] | None = None
     newest: list[Running] = []
-    # What else is there than a terminal was not typed for us.
-    started = partial(_start, newest, heeds=sys.stdin.isatty(), shows_tablet=True)
+    # Input that is not from a terminal is not meant for us.
+    started = partial(_start, newest, reads_stdin=sys.stdin.isatty(), shows_tablet=True)
 
-    def tell(event: dict[str, Any]) -> None:
+    def report(event: dict[str, Any]) -> None:
         nonlocal status
-        _tell(options, event)
+        _print_event(options, event)
         if event["event"] == "ready":
             if status:
                 status.cancel()
             status = asyncio.ensure_future(_keep_status(newest[0]))
 
     try:
-        run(make(tell, started))
+        run(make(report, started))
     except PhalanxError:
-        status_line("")  # the error says what it said
+        status_line("")  # the error replaces the status
         raise
     end_status_line()
 
 
-def _tell(options: UpOptions, event: dict[str, Any]) -> None:
+def _print_event(options: UpOptions, event: dict[str, Any]) -> None:
     match event["event"]:
         case "waiting":
             status_line(f"Enter: stop all  waiting for {event['broker']} ({event['trouble'] or 'no answer'})")
@@ -333,7 +335,7 @@ def _tell(options: UpOptions, event: dict[str, Any]) -> None:
             status_line("")
             click.echo(f"operator  {event['operator_url']}")
             if event["unreachable"]:
-                talk(event["unreachable"] + " Connect it to a network, and start this again.")
+                talk(event["unreachable"] + " Connect it to a network, and start the command again.")
             if options.wifi:
                 name = plain(options.wifi.ssid)
                 click.echo(f"Wi-Fi  {name}\n{qr_text(options.wifi.code, colour=sys.stdout.isatty(), border=1)}")
@@ -346,7 +348,7 @@ def _tell(options: UpOptions, event: dict[str, Any]) -> None:
             click.echo(f"programs  {event['qrkey_url']}")
         case "rotation":
             end_status_line()
-            click.echo("a new code; the old one works for a while yet")
+            click.echo("a new code; the old one works for a while")
             _show_code("visitors", event["qr_url"])
         case "mission" if event["what"] != "decoded":
             end_status_line()
@@ -356,7 +358,7 @@ def _tell(options: UpOptions, event: dict[str, Any]) -> None:
 def _mission_line(event: dict[str, Any]) -> str:
     match event["what"]:
         case "begun":
-            return f"mission {plain(event['name'])}: {event['nodes']} nodes, all dark"
+            return f"mission {plain(event['name'])}: {event['nodes']} nodes, all still encrypted"
         case "completed":
             return f"{event['who']} completed the mission"
         case _:
@@ -364,15 +366,15 @@ def _mission_line(event: dict[str, Any]) -> str:
 
 
 def _show_code(what: str, url: str) -> None:
-    # One line above it, two of link, twenty of code and the status line below: a terminal of 24 by 80.
+    # One line above, two of link, twenty of code and the status line fit a terminal of 24 by 80.
     click.echo(f"{what}  {url}\n{qr_text(url, colour=sys.stdout.isatty(), border=1)}")
 
 
 def _show_tablet_code(running: Running) -> None:
-    """Print a code that makes a tablet an operator's."""
+    """Print a code that makes one tablet an operator's."""
     ticket = running.desk.do("invite", {"role": "operate", "valid_s": TABLET_S})
     end_status_line()
-    _show_code("an operator's tablet, one, within ten minutes", ticket["url"])
+    _show_code("operator's tablet (one, within ten minutes)", ticket["url"])
 
 
 async def _keep_status(running: Running) -> None:
@@ -380,10 +382,10 @@ async def _keep_status(running: Running) -> None:
         now = running.summary()
         minutes, seconds = divmod(int(now["rotates_in_s"]), 60)
         status_line(
-            "ALL STOPPED: go and Enter frees them" if now["held"] else "Enter: stop all",
-            *([] if now["connected"] else ["broker away, trying again"]),
+            "ALL STOPPED: go and Enter releases them" if now["held"] else "Enter: stop all",
+            *([] if now["connected"] else ["broker unreachable, retrying"]),
             f"new code {minutes}:{seconds:02d}",
             *(f"{now[what]} {what}" for what in ("visitors", "refused", "robots", "commands")),
-            "tablet and Enter: a code for the operator's tablet",
+            "tablet and Enter: code for the operator's tablet",
         )
         await asyncio.sleep(1)

@@ -1,4 +1,4 @@
-"""`phalanx sim view`: a page that plays a recording, or a run that goes on."""
+"""`phalanx sim view`: serve a page that plays a recording, or shows a run in progress."""
 
 from __future__ import annotations
 
@@ -29,21 +29,22 @@ from .terminal import end_status_line, said_aside, talk
 Put = Callable[[dict[str, Any] | None], None]
 
 
-def view(source: str, port: int, **said: Any) -> int:
-    """Serves the page until it is stopped."""
+def view(source: str, port: int, **options: Any) -> int:
+    """Serve the page until it is stopped."""
     if not pages_are_built("viewer"):
-        raise UsageError("the page is not built", "make setup")
+        raise UsageError("the page is not built", "run make setup")
     if not is_recording(Path(source)):
-        chosen = choose(source, **said)
+        chosen = choose(source, **options)
         warn(chosen.scenario)
         each = 2 + chosen.scenario.bti.tokens_needed
         seen = each * chosen.scenario.robots * chosen.scenario.duration_s / STEP_S
         if seen > MOST_TOLD:
-            raise UsageError(f"{chosen.scenario.robots} robots for so long are more than a page keeps", "--duration")
+            count = chosen.scenario.robots
+            raise UsageError(f"{count} robots for so long exceed the page's memory", "use a shorter --duration")
         run(_served(port, lambda put, check: _live(chosen, put, check)))
         return 0
-    if any(value not in (None, ()) for value in said.values()):
-        raise UsageError(f"{source} is a recording, and plays as it was", "these options are for a SCENARIO")
+    if any(value not in (None, ()) for value in options.values()):
+        raise UsageError(f"{source} is a recording, which options cannot change", "use these options with a SCENARIO")
     lines = lines_of(Path(source))
     run(_served(port, lambda put, _: deque(map(put, [*lines, None]))))
     return 0
@@ -51,12 +52,12 @@ def view(source: str, port: int, **said: Any) -> int:
 
 def _live(chosen: Chosen, put: Put, check: Callable[[], None]) -> None:
     live = Live(chosen.scenario, put)
-    tell = progress(chosen.scenario.duration_s)
+    show_progress = progress(chosen.scenario.duration_s)
 
     def on_step(run: Run) -> None:
         check()
         live.write(run, run.new_verdicts())
-        tell(run)
+        show_progress(run)
 
     with said_aside(), mistakes_in(*chosen.files):
         play(chosen.scenario, None, on_step, chosen.controller, planner=chosen.planner)
@@ -66,7 +67,7 @@ def _live(chosen: Chosen, put: Put, check: Callable[[], None]) -> None:
 
 
 async def _served(port: int, fill: Callable[[Put, Callable[[], None]], object]) -> None:
-    """The page, and its run: filled in a thread of its own, so that Ctrl-C need not wait for a step."""
+    """Serve the page, and fill it in a thread, so that Ctrl-C does not wait for a step."""
     loop = asyncio.get_running_loop()
     filled: asyncio.Future[None] = loop.create_future()
     stopped = False
@@ -80,14 +81,14 @@ async def _served(port: int, fill: Callable[[Put, Callable[[], None]], object]) 
             fill(put, check)
         except KeyboardInterrupt:
             return
-        except BaseException as error:  # noqa: BLE001 - also what a researcher's file raises: told where people see it
+        except BaseException as error:  # noqa: BLE001 - also errors of a user's file: raised in the main thread
             loop.call_soon_threadsafe(filled.set_exception, error)
 
     async with beside(ViewPages(port)) as pages:
         click.echo(f"http://{LOOPBACK}:{pages.port}/")
-        talk("open it in a browser of this machine; Ctrl-C ends it")
+        talk("open this address in a browser on this machine; Ctrl-C ends it")
         threading.Thread(target=work, args=(pages.put,), name="run", daemon=True).start()
         try:
-            await filled  # for ever, if all goes well
+            await filled  # until cancelled, or the thread fails
         finally:
             stopped = True

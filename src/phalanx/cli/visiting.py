@@ -1,4 +1,4 @@
-"""What `phalanx link connect` needs of a visitor: over a session, or in mode qrkey."""
+"""The visitor of `phalanx link connect`: over a session, or in mode qrkey."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ DRIVE_EVERY_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """A client, and what is asked of it. Use as `async with`.
+    """A client with the requests that the command needs. Use as `async with`.
 
     Attributes:
         robots: returns the swarm's list of robots, unchecked.
-        drive: drives a robot by address, application and wheels in percent for so many seconds, and stops it; returns
-            how many commands were sent.
-        notifications: yields what the swarm sends to everybody.
+        drive: drives a robot, given address, application, wheels in percent and seconds, then stops it; returns the
+            number of commands sent.
+        notifications: yields the messages that the swarm sends to all visitors.
     """
 
     client: AbstractAsyncContextManager[object]
@@ -66,7 +66,7 @@ def qrkey_visitor(qr: QrUrl, broker: BrokerUrl | None, login: Login | None, time
 
 
 def session_visitor(url: str, name: str, keep: Path | None, timeout_s: float) -> Visitor:
-    """Return a visitor with a session. Raises: BadInvitation; UsageError: the file keeps something else."""
+    """Return a visitor with a session. Raises: BadInvitation; UsageError: the file is not a session's."""
     client = Client(url, name=name, secret_file=keep, timeout_s=timeout_s)
 
     async def robots() -> Any:
@@ -82,8 +82,8 @@ def session_visitor(url: str, name: str, keep: Path | None, timeout_s: float) ->
 
 @contextlib.contextmanager
 def refusals_for_people() -> Iterator[None]:
-    """Turn what the swarm refuses into one line for a person. Raises: Unavailable."""
+    """Turn refusals by the swarm into one-line errors. Raises: Unavailable."""
     try:
         yield
     except PeerError as error:
-        raise Unavailable(str(error), "a code or ticket that is over admits nobody: ask for a new one") from error
+        raise Unavailable(str(error), "if the code or ticket has expired, ask for a new one") from error

@@ -1,1 +1,1 @@
-"""One robot as a process of its own, and a gateway's radio among such robots."""
+"""Daemons: one robot as a process, and a gateway's radio among such robots."""

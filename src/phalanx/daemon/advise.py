@@ -1,4 +1,4 @@
-"""A planner for robots whose daemons are elsewhere: `phalanx robot advise`. What robots send may be anything."""
+"""`phalanx robot advise`: a planner as a separate process. Robots' packets are untrusted."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from phalanx.robot.planner import MOST_BYTES, Adviser
 from .far_planner import HINT
 
 MOST_LINKS = 256
-AT_ONCE = 32  # packets of one, before others have their turn
+AT_ONCE = 32  # packets from one robot before others are served
 
 
 async def advise(where: str, adviser: Adviser, ready: Callable[[], None]) -> None:
@@ -27,7 +27,8 @@ async def advise(where: str, adviser: Adviser, ready: Callable[[], None]) -> Non
     failed: asyncio.Future[None] = loop.create_future()
     server = _Server(adviser, loop, failed)
     with _listening(where) as listens:
-        loop.add_reader(listens, server.came if listens.family == socket.AF_UNIX else server.said, listens)
+        is_stream = listens.family == socket.AF_UNIX
+        loop.add_reader(listens, server.on_connect if is_stream else server.on_datagrams, listens)
         ready()
         try:
             await failed
@@ -41,8 +42,8 @@ class _Server:
         self._adviser, self._loop, self._failed = adviser, loop, failed
         self._links: set[socket.socket] = set()
 
-    def came(self, listens: socket.socket) -> None:
-        """A robot connects."""
+    def on_connect(self, listens: socket.socket) -> None:
+        """Accept a robot's connection."""
         with contextlib.suppress(OSError):
             link, _ = listens.accept()
             if len(self._links) >= MOST_LINKS:
@@ -50,9 +51,9 @@ class _Server:
                 return
             link.setblocking(False)
             self._links.add(link)
-            self._loop.add_reader(link, self._heard, link)
+            self._loop.add_reader(link, self._on_packets, link)
 
-    def _heard(self, link: socket.socket) -> None:
+    def _on_packets(self, link: socket.socket) -> None:
         for _ in range(AT_ONCE):
             try:
                 packet = link.recv(MOST_BYTES + 1)
@@ -67,8 +68,8 @@ class _Server:
                 with contextlib.suppress(OSError):
                     link.send(answer)
 
-    def said(self, listens: socket.socket) -> None:
-        """Something comes over UDP."""
+    def on_datagrams(self, listens: socket.socket) -> None:
+        """Answer datagrams received over UDP."""
         for _ in range(AT_ONCE):
             try:
                 packet, address = listens.recvfrom(MOST_BYTES + 1)
@@ -81,7 +82,7 @@ class _Server:
     def _answer(self, sender: Hashable, host: str, packet: bytes) -> bytes:
         try:
             return self._adviser.answer(sender, host, packet)
-        except Exception as error:  # noqa: BLE001 - a planner's mistake is told by whoever runs us
+        except Exception as error:  # noqa: BLE001 - an error of the planner is raised by `advise`
             if not self._failed.done():
                 self._failed.set_exception(error)
             return b""
@@ -92,7 +93,7 @@ class _Server:
         link.close()
 
     def close(self) -> None:
-        """Nobody is advised any more."""
+        """Close all connections."""
         for link in [*self._links]:
             self._forget(link)
 
@@ -101,7 +102,7 @@ class _Server:
 def _listening(where: str) -> Iterator[socket.socket]:
     kind, _, at = where.partition(":")
     if kind != "udp" and not (kind == "unix" and at):
-        raise UsageError(f"{where} is nowhere to listen", HINT)
+        raise UsageError(f"invalid address {where}", HINT)
     with _at_address(at) if kind == "udp" else _at_path(Path(at)) as made:
         made.setblocking(False)
         try:
@@ -114,24 +115,22 @@ def _listening(where: str) -> Iterator[socket.socket]:
 def _at_path(path: Path) -> socket.socket:
     with contextlib.suppress(OSError):
         if stat.S_ISSOCK(path.lstat().st_mode) and _is_dead(path):
-            path.unlink()  # one that was killed left it
+            path.unlink()  # left by a killed process
     made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    before = os.umask(0o177)  # for its owner alone
+    before = os.umask(0o177)  # accessible to its owner only
     try:
         made.bind(str(path))
         made.listen(MOST_LINKS)
     except OSError as error:
         made.close()
-        raise Unavailable(
-            f"cannot listen at {path}: {error.strerror or error}", "another path, of a short name"
-        ) from error
+        raise Unavailable(f"cannot listen at {path}: {error.strerror or error}", "use another, shorter path") from error
     finally:
         os.umask(before)
     return made
 
 
 def _is_dead(path: Path) -> bool:
-    # One of another kind, another user's, or with no room for us now gives other errors, and somebody listens there.
+    # Other errors mean that a process listens there: of another kind, of another user, or with a full queue.
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
         probe.setblocking(False)
         return probe.connect_ex(str(path)) == errno.ECONNREFUSED

@@ -1,7 +1,7 @@
 """Drivers: how a robot's daemon reads sensors and moves motors.
 
-If motors obey the trusted nodes alone, a driver's `drive` does nothing. Each call must return within some milliseconds.
-A call that hangs leaves the robot without a reading, and its motors stop (driver_thread.py).
+If the trusted nodes control the motors, a driver's `drive` does nothing. Each call must return within some
+milliseconds. While a call hangs the robot has no readings, and its motors stop (driver_thread.py).
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ READY, GO = b"ready", b"go"
 
 
 class NoReading(Unavailable):
-    """The sensors have no reading now, for the reason given. The robot stands until they do; its mission goes on."""
+    """The sensors have no reading now, for the given reason. The robot stands still until they do."""
 
 
 class Driver(ABC):
-    """A robot's sensors and motors, for a file of your own: `driver: python:FILE.py:CLASS`.
+    """A robot's sensors and motors, to be subclassed in your own file: `driver: python:FILE.py:CLASS`.
 
-    All calls but the constructor come from one thread, which is not the main thread. While one of them hangs, `stop`
-    comes from another.
+    All methods are called from one thread, which is not the main thread; the constructor is not. While a call hangs,
+    `stop` is called from another thread.
 
     Args:
         rob_id: 1..65535.
@@ -51,41 +51,41 @@ class Driver(ABC):
 
     @abstractmethod
     def sense(self) -> Mapping[str, float] | bytes:
-        """Return the fields of the controller's reading but for kind, id and time (`x_m`, …).
+        """Return the fields of the controller's reading except kind, id and time (`x_m`, …).
 
-        For a controller with further sensors return the whole reading as bytes.
-        Raises: NoReading, OSError: there is no reading now; a number that is NaN means the same. Anything else ends the
-            robot's process.
+        For a controller with other sensors, return the whole reading as bytes.
+        Raises: NoReading, OSError: there is no reading now; a NaN means the same. Other exceptions end the robot's
+            process.
         """
 
-    def drive(self, command: Mapping[str, float]) -> None:  # noqa: B027 - where the trusted nodes have the motors
-        """Obey a command that the a-node passed: its fields by name (`ax_mps2`, …)."""
+    def drive(self, command: Mapping[str, float]) -> None:  # noqa: B027 - trusted nodes may control the motors
+        """Carry out a command that the a-node forwarded: its fields by name (`ax_mps2`, …)."""
 
     def stop(self) -> None:  # noqa: B027 - the same
         """Stop the motors until the next `drive`: no reading, Safe Mode, or the daemon ends."""
 
-    def close(self) -> None:  # noqa: B027 - where nothing is open
-        """Close what is open; `stop` came before."""
+    def close(self) -> None:  # noqa: B027 - optional
+        """Release resources; `stop` was called before."""
 
 
 class Hardware(ABC):
-    """A driver as the daemon uses it, in bytes as they are chained. An arena's motors obey the trusted nodes alone."""
+    """A driver as the daemon uses it, with readings and commands in the bytes that are logged."""
 
-    def begin(self) -> None:  # noqa: B027 - where nobody is waited for
-        """Wait until the mission may begin; this process is ready."""
+    def begin(self) -> None:  # noqa: B027 - optional
+        """Report that this process is ready, and wait until the mission may begin."""
 
     @abstractmethod
     async def sense(self, now_ms: int, within_s: float) -> bytes:
         """Return a reading taken at `now_ms` of the robot's clock. Raises: NoReading: none within `within_s`."""
 
-    def drive(self, command: bytes) -> None:  # noqa: B027 - where the trusted nodes have the motors
-        """Move the motors by a command that went out."""
+    def drive(self, command: bytes) -> None:  # noqa: B027 - trusted nodes may control the motors
+        """Move the motors by a command that the a-node forwarded."""
 
     def stop(self) -> None:  # noqa: B027 - the same
         """Stop the motors until the next command, even if a call hangs."""
 
     def alive(self) -> None:  # noqa: B027 - the same
-        """Note that the daemon does not hang, so the motors may go on. Called every ALIVE_S."""
+        """Note that the daemon does not hang, so the motors may continue. Called every ALIVE_S."""
 
     @abstractmethod
     def close(self) -> None:
@@ -93,11 +93,11 @@ class Hardware(ABC):
 
 
 class AdvisedHardware(Hardware):
-    """A driver that brings its own planner along, as ROS 2 does (bridges/ros2/node.py)."""
+    """A driver with its own planner, as for ROS 2 (bridges/ros2/node.py)."""
 
     @abstractmethod
     async def ready(self) -> None:
-        """Wait until the base and its planner are there."""
+        """Wait until the base and its planner are available."""
 
     @abstractmethod
     def planner(self, rob_id: int, goal_m: tuple[float, float]) -> Planner:
@@ -105,7 +105,7 @@ class AdvisedHardware(Hardware):
 
     @abstractmethod
     def on_advice(self, wake: Callable[[], object]) -> None:
-        """Call `wake` from now on, in any thread, when there is advice that was not taken yet."""
+        """Register `wake`, to be called in any thread when there is new advice."""
 
     @abstractmethod
     def tell(self, state: dict[str, Any]) -> None:
@@ -113,36 +113,36 @@ class AdvisedHardware(Hardware):
 
 
 class OwnDriver(Hardware):
-    """Runs a driver of a researcher's file."""
+    """Runs a driver from a user's file."""
 
     def __init__(self, driver: Driver, declared: Declaration) -> None:
         self._driver, self._reads, self._commands = driver, declared.reads, declared.commands
         self._thread = DriverThread(driver.stop)
 
     async def sense(self, now_ms: int, within_s: float) -> bytes:
-        """See `Hardware`. Raises: OwnMistake: it returned no reading. Whatever else its calls raised."""
+        """See `Hardware`. Raises: OwnMistake: an invalid reading; exceptions of the driver's calls."""
         try:
-            said = await self._thread.ask("sense", self._driver.sense, within_s)
-        except OSError as error:  # a bus or a line was disturbed, or the time is over
+            result = await self._thread.ask("sense", self._driver.sense, within_s)
+        except OSError as error:  # a disturbed bus or line, or a time-out
             raise NoReading(str(error) or type(error).__name__) from error
-        if isinstance(said, bytes) and 0 < len(said) <= PACKET_MAX:
-            return said
+        if isinstance(result, bytes) and 0 < len(result) <= PACKET_MAX:
+            return result
         try:
-            fields = dict(cast("Mapping[str, float]", said))
+            fields = dict(cast("Mapping[str, float]", result))
             for name, value in fields.items():
-                if not isinstance(value, bytes) and not abs(value) <= LARGEST_NUMBER:  # NaN is not
+                if not isinstance(value, bytes) and not abs(value) <= LARGEST_NUMBER:  # also rejects NaN
                     raise NoReading(f"{name} is {value:g}")
             return self._reads.encode(id=self._driver.rob_id, t=now_ms, **fields)
         except (TypeError, ValueError, KeyError, ArithmeticError, UsageError) as error:
             names = ", ".join(each.name for each in self._reads.fields if each.name not in ("id", "t"))
-            hint = f"{names}: numbers; or 1 to {PACKET_MAX} bytes"
-            raise OwnMistake(f"sense returned {reprlib.repr(said)}", hint, self._driver, "sense") from error
+            hint = f"return numbers for {names}; or 1 to {PACKET_MAX} bytes"
+            raise OwnMistake(f"sense returned {reprlib.repr(result)}", hint, self._driver, "sense") from error
 
     def drive(self, command: bytes) -> None:
         """See `Hardware`."""
         try:
             fields = self._commands.decode(command)
-        except PeerError:  # no command of this kind of body
+        except PeerError:  # a command for another kind of robot
             self._thread.stop()
         else:
             self._thread.drive(lambda: self._driver.drive(fields))
@@ -161,14 +161,14 @@ class OwnDriver(Hardware):
 
 
 class ArenaDriver(Hardware):
-    """Reads the sensors of a body in an arena, over a socket."""
+    """Reads the sensors of a body in an arena, over a socket. Its motors obey the trusted nodes only."""
 
     def __init__(self, folder: Path, rob_id: int) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             self._socket.connect(str(sense_path(folder, rob_id)))
         except OSError as error:
-            raise Unavailable(f"no arena in {folder}: {error.strerror}", "phalanx robot arena") from error
+            raise Unavailable(f"no arena in {folder}: {error.strerror}", "start it: phalanx robot arena") from error
 
     def begin(self) -> None:
         """See `Hardware`."""
@@ -176,18 +176,18 @@ class ArenaDriver(Hardware):
         self._socket.settimeout(TIMEOUT_S)
 
     async def sense(self, now_ms: int, within_s: float) -> bytes:  # noqa: ARG002 - its own timeout
-        """See `Hardware`. Raises: Unavailable: the arena is gone."""
+        """See `Hardware`. Raises: Unavailable: the arena has ended."""
         return self._ask(b"%d" % now_ms)
 
     def _ask(self, words: bytes) -> bytes:
         try:
             self._socket.send(words)
-            said = self._socket.recv(PACKET_BYTES)
+            result = self._socket.recv(PACKET_BYTES)
         except OSError as error:
             raise Unavailable("the arena does not answer") from error
-        if not said:
-            raise Unavailable("the arena is gone")
-        return said
+        if not result:
+            raise Unavailable("the arena has ended")
+        return result
 
     def close(self) -> None:
         """See `Hardware`."""
@@ -195,7 +195,7 @@ class ArenaDriver(Hardware):
 
 
 def no_reading(reads: Record, rob_id: int, now_ms: int) -> bytes:
-    """Return the reading that is logged when there is none: its numbers are NaN, as from broken sensors.
+    """Return the reading to log when there is none: its numbers are NaN, as from broken sensors.
 
     Controllers reject it: wheels stop, a point mass coasts, and nothing is sent. Auditors refuse a robot that does
     anything else. Source: docs/spec/rebound.md (no reading).
@@ -216,22 +216,22 @@ def wheels_path(folder: Path, rob_id: int) -> Path:
 
 
 def make_driver(settings: RobotSettings, declared: Declaration) -> Hardware:
-    """Return the driver that the robot's file names. Raises: UsageError: there is none; Unavailable: no arena."""
+    """Return the driver that the robot's file names. Raises: UsageError: invalid; Unavailable: no arena."""
     kind, _, where = settings.said.driver.partition(":")
     if kind == "ros2":
-        raise UsageError("its driver is ros2", "phalanx robot ros2 runs it")
+        raise UsageError("its driver is ros2", "run it with phalanx robot ros2")
     if kind == "arena":
         return ArenaDriver(settings.path(where), settings.said.robot)
     if kind == "dotbot":
         if declared.config is not WheelsConfig:
-            raise UsageError("a driver for DotBots", "a mission with controller: wheels")
-        (point,) = entry_points(group="phalanx.drivers", name=kind)  # bridges stand above the daemon
+            raise UsageError("a driver for DotBots without wheels", "use a mission with controller: wheels")
+        (point,) = entry_points(group="phalanx.drivers", name=kind)  # loaded by name, as bridges are a higher layer
         return OwnDriver(point.load()(settings.said.robot, settings.said.driver), declared)
     path, _, name = where.partition(":")
     made: Any = find_class(f"{settings.path(path)}{name and ':'}{name}", Driver)
     if made.drive is not Driver.drive and made.stop is Driver.stop:
         raise UsageError(
-            f"{made.__name__} in {path} has a method drive, but none named stop",
-            "write stop: nothing else stops its motors",
+            f"{made.__name__} in {path} has a method drive, but no method stop",
+            "add stop: nothing else stops its motors",
         )
     return OwnDriver(made(settings.said.robot), declared)

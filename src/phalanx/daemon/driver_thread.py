@@ -1,8 +1,8 @@
-"""Call a driver in a thread of its own: a call that hangs delays neither the robot's audits nor the daemon's end.
+"""Call a driver in a separate thread: a call that hangs delays neither the robot's audits nor the daemon's exit.
 
 The motors stop when either side hangs. If the driver hangs, the daemon calls `stop` from a third thread. If the daemon
-hangs (a controller, a planner, trusted nodes), this thread calls `stop` after HUNG_S. An extension in C that keeps
-Python's lock prevents both. Then only the motors' own watchdog helps, as after kill -9.
+hangs (in a controller, a planner, trusted nodes), this thread calls `stop` after HUNG_S. A C extension that holds
+Python's lock prevents both; then only the motors' own watchdog helps, as after kill -9.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from typing import TypeVar
 log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
-HUNG_S = 0.25  # longer than any audit; together with a stop less than half a second
+HUNG_S = 0.25  # longer than any audit; with the stop, under half a second
 LOOK_S = 0.05
-SOON_S = 0.1  # a stop waits so long for the running call to return
-END_S = 0.3  # the last stop may take so long
+SOON_S = 0.1  # time for the running call to return before a stop
+END_S = 0.3  # time limit of the last stop
 CLOSE_S = 2.0
 STOP = "stop"
 
@@ -33,8 +33,8 @@ class DriverThread:
     def __init__(self, stop: Callable[[], None]) -> None:
         self._stop = stop
         self._calls: SimpleQueue[tuple[str, Callable[[], None]]] = SimpleQueue()
-        self._running = ""  # the name of the call that runs
-        self._stands = True
+        self._running = ""  # name of the running call
+        self._stopped = True
         self._failed: BaseException | None = None
         self._alive_s = time.monotonic()
         self._over = False
@@ -42,13 +42,13 @@ class DriverThread:
         self._thread.start()
 
     def alive(self) -> None:
-        """Note that the daemon does not hang, so the motors may go on."""
+        """Note that the daemon does not hang, so the motors may continue."""
         self._alive_s = time.monotonic()
 
     async def ask(self, name: str, call: Callable[[], _T], timeout_s: float) -> _T:
-        """Return the result of a call.
+        """Run a call in the thread, and return its result.
 
-        Raises: TimeoutError: a call hangs. Whatever this call, or a `drive` before it, raised.
+        Raises: TimeoutError: a call hangs; exceptions of this call, or of a `drive` before it.
         """
         if failed := self._failed:
             self._failed = None
@@ -65,24 +65,24 @@ class DriverThread:
             raise TimeoutError(f"{self._running or name} has not returned") from None
 
     def drive(self, call: Callable[[], None]) -> None:
-        """Enqueue a call that moves the motors; the next `ask` raises what it raises."""
-        self._stands = False
+        """Enqueue a call that moves the motors; its exception is raised by the next `ask`."""
+        self._stopped = False
         self._calls.put(("drive", lambda: self._drive(call)))
 
     def stop(self) -> threading.Event:
-        """Stop the motors, even if a call hangs. Returns: an event, set when the driver's `stop` has returned."""
-        self._stands, done = True, threading.Event()
-        self._calls.put((STOP, lambda: self._do_stop(done)))  # again behind a hanging call, which may move them at last
+        """Stop the motors, even if a call hangs. Return an event that is set once the driver's `stop` has returned."""
+        self._stopped, done = True, threading.Event()
+        self._calls.put((STOP, lambda: self._do_stop(done)))  # again after a hanging call, which could still move them
         threading.Thread(target=self._stop_beside, args=(done,), daemon=True).start()
         return done
 
     def close(self, call: Callable[[], None]) -> None:
-        """Stop the motors, run a last call, and end the thread, or leave it behind if it hangs. Idempotent."""
+        """Stop the motors, run a last call, and end the thread, or abandon it if it hangs. Idempotent."""
         if self._over:
             return
         self._over = True
         if not self.stop().wait(END_S + SOON_S):
-            log.error("the driver's stop has not returned within %g s", END_S + SOON_S)
+            log.error("the driver's stop did not return within %g s", END_S + SOON_S)
         if self._running not in ("", STOP):
             return
         answer = self._submit("close", call)
@@ -98,18 +98,18 @@ class DriverThread:
             if not answer.set_running_or_notify_cancel():
                 return
             try:
-                said = call()
-            except BaseException as error:  # noqa: BLE001 - whoever asked raises it
+                result = call()
+            except BaseException as error:  # noqa: BLE001 - raised by `ask`
                 self._running = ""
                 answer.set_exception(_raisable(error))
             else:
-                self._running = ""  # before the answer: whoever has it may ask again at once
-                answer.set_result(said)
+                self._running = ""  # before the result: its receiver may call again at once
+                answer.set_result(result)
 
         self._calls.put((name, run))
         return answer
 
-    # --- in the threads ------------------------------------------------------------------------------------------
+    # --- run in the threads -- ----------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while True:
@@ -124,18 +124,18 @@ class DriverThread:
             self._running = ""
 
     def _watch(self) -> None:
-        if not self._stands and time.monotonic() - self._alive_s > HUNG_S:
-            log.error("the daemon hangs: motors stop")
-            self._stands = True
+        if not self._stopped and time.monotonic() - self._alive_s > HUNG_S:
+            log.error("the daemon hangs: stopping the motors")
+            self._stopped = True
             self._do_stop(threading.Event())
 
     def _drive(self, call: Callable[[], None]) -> None:
-        if self._stands:
+        if self._stopped:
             return
         try:
             call()
-        except BaseException as error:  # noqa: BLE001 - raised where the daemon sees it
-            self._failed, self._stands = _raisable(error), True
+        except BaseException as error:  # noqa: BLE001 - raised by the next `ask`
+            self._failed, self._stopped = _raisable(error), True
             self._do_stop(threading.Event())
 
     def _stop_beside(self, done: threading.Event) -> None:
@@ -151,7 +151,7 @@ class DriverThread:
 
 
 def _raisable(error: BaseException) -> BaseException:
-    """Return what an event loop can raise in its place: to that, these kinds say how a task of its own ended."""
+    """Return an exception to raise instead: an event loop interprets these types as the end of its own tasks."""
     if isinstance(error, StopIteration | GeneratorExit | asyncio.CancelledError):
         return RuntimeError(repr(error)).with_traceback(error.__traceback__)
     return error

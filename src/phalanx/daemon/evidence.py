@@ -1,7 +1,7 @@
-"""A robot's kept log as a recording that others can open and go through: MCAP, and back.
+"""Convert a robot's kept log to a recording (MCAP) that others can open, and back.
 
-Each entry is a message of /entries, at the time of the robot's own clock since its mission key. What is said of the
-mission is in the metadata `robot`, as in the first line of the kept log.
+Each entry is a message of /entries, timed by the robot's own clock since its mission key. The metadata `robot` contains
+the first line of the kept log, which describes the mission.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, 
 from .signed_mission import SignedMission
 
 MOST_BYTES, MOST_UNPACKED = 1 << 26, 1 << 29
-HINT = "phalanx robot log makes one"
+HINT = "use a file that phalanx robot log wrote"
 KINDS = {
     ENTRY_INPUT: "input",
     ENTRY_RECV: "recv",
@@ -62,17 +62,17 @@ class Kept:
     mission: int
     t_key_ms: int
     scenario: Scenario
-    raw: bytes  # what trusted nodes said of it in between
+    raw: bytes  # with proofs of the trusted nodes in between
     signed: SignedMission | None = None
 
     def plain(self) -> bytes:
-        """The log without what trusted nodes said of it."""
+        """Return the log without the trusted nodes' proofs."""
         return b"".join(self.raw[each.at : each.end] for each in self.entries())
 
     def first_lie(self, controller: Callable[[int], Controller] | None = None) -> Finding | None:
-        """Find the first entry that an honest robot would not have logged; None if there is none.
+        """Return the first entry that an honest robot would not have logged, or None.
 
-        `controller` makes a researcher's own, if that is what the robot ran. Source: RoboRebound §3.7.
+        `controller` creates the user's own controller, if the robot ran one. Source: RoboRebound §3.7.
         """
         scenario, made, _ = on_stage(self.scenario, controller)
         if not made:
@@ -81,23 +81,23 @@ class Kept:
 
     @property
     def head(self) -> dict[str, Any]:
-        """The first line of a log."""
-        told: dict[str, Any] = {"robot": self.robot, "mission": self.mission, "t_key_ms": self.t_key_ms}
-        told |= {"signed": self.signed.told} if self.signed else {}
-        return told | {"scenario": written_scenario(self.scenario)}
+        """Return the first line of the log."""
+        head: dict[str, Any] = {"robot": self.robot, "mission": self.mission, "t_key_ms": self.t_key_ms}
+        head |= {"signed": self.signed.told} if self.signed else {}
+        return head | {"scenario": written_scenario(self.scenario)}
 
     @property
     def mission_signer(self) -> str:
-        """The public key, hexadecimal, of who signed that this is the mission; "" if what is signed is another."""
+        """Return the public key (hex) that signed this mission; "" if it is unsigned or another is signed."""
         return self.signed.signer if self.signed and self.signed.is_of(self.scenario, self.mission) else ""
 
     def entries(self) -> list[Entry]:
-        """In their order, as they lie in `raw`."""
+        """Return the entries in order, as in `raw`."""
         return [each for each in entries_of(self.raw) if each.kind != PROOF.tag]
 
 
 def read_kept(path: Path) -> Kept:
-    """Return the log in a daemon's file or a recording. Who gives evidence may not choose where a recording ends.
+    """Return the log in a daemon's file or a recording; recordings that were cut short are refused.
 
     Raises: UsageError: it is neither, damaged or cut short; Unavailable: it cannot be read.
     """
@@ -110,22 +110,22 @@ def read_kept(path: Path) -> Kept:
         kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw, signed)
     except PhalanxError:
         raise
-    except Exception as error:  # what reads a format raises what it likes
-        raise UsageError(f"{path} is no log of a robot", HINT) from error
+    except Exception as error:  # parsers raise various exceptions
+        raise UsageError(f"{path} is not a robot's log", HINT) from error
     if not (1 <= kept.robot <= scenario.robots and 0 <= kept.t_key_ms < 1 << 32):
-        raise UsageError(f"{path} is of a robot that is not in its mission", HINT)
+        raise UsageError(f"the robot of {path} is not in its mission", HINT)
     return kept
 
 
 def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
     head, raw = None, bytearray()
-    for said in read_recording(path, HINT, MOST_UNPACKED):
-        if said.topic == CUT_SHORT:
+    for message in read_recording(path, HINT, MOST_UNPACKED):
+        if message.topic == CUT_SHORT:
             raise UsageError(f"{path} was cut short", HINT)
-        if said.topic == "metadata robot":
-            head = json.loads(said.words["head"])
-        elif said.topic == "/entries":
-            raw += bytes.fromhex(said.words["bytes"])
+        if message.topic == "metadata robot":
+            head = json.loads(message.words["head"])
+        elif message.topic == "/entries":
+            raw += bytes.fromhex(message.words["bytes"])
         if len(raw) > MOST_BYTES:
             raise UsageError(f"{path} is longer than a log", HINT)
     if head is None:
@@ -134,7 +134,7 @@ def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 class LogRecording(Recorder):
-    """Writes a kept log down."""
+    """Writes a kept log to a recording."""
 
     def __init__(self, path: Path, kept: Kept) -> None:
         super().__init__(path)
@@ -145,20 +145,20 @@ class LogRecording(Recorder):
         self._writer.add_metadata("robot", {"head": json.dumps(self._kept.head)})
 
     def write(self) -> int:
-        """Write all entries; return how many there are, with proofs. Raises: Unavailable: the disk is full."""
+        """Write all entries; return their number, with proofs. Raises: Unavailable: the disk is full."""
         now_ms = self._kept.t_key_ms
-        number = 0  # of proofs that of the entry behind them
+        number = 0  # of an entry; a proof has that of the next entry
         entries = list(entries_of(self._kept.raw))
         for each in entries:
-            now_ms = max(now_ms, each.t_ms)  # marks are of the moment of what stands before them
-            told = {"entry": number, "kind": KINDS.get(each.kind, "unknown"), "t_ms": now_ms}
+            now_ms = max(now_ms, each.t_ms)  # marks have the time of the entry before them
+            fields = {"entry": number, "kind": KINDS.get(each.kind, "unknown"), "t_ms": now_ms}
             number += each.kind != PROOF.tag
-            told["bytes"] = self._kept.raw[each.at : each.end].hex()
-            self.put("/entries", (now_ms - self._kept.t_key_ms) * NS // 1000, told)
+            fields["bytes"] = self._kept.raw[each.at : each.end].hex()
+            self.put("/entries", (now_ms - self._kept.t_key_ms) * NS // 1000, fields)
         return len(entries)
 
 
 def record_log(log_file: Path, out: Path) -> int:
-    """A recording of a daemon's log; how many entries it has. Raises: UsageError, Unavailable."""
+    """Convert a daemon's log to a recording, and return the number of entries. Raises: UsageError, Unavailable."""
     with LogRecording(out, read_kept(log_file)) as recording:
         return recording.write()

@@ -1,7 +1,7 @@
-"""A planner in another process: it is sent what the robot senses and hears, and its advice is taken when it has come.
+"""A planner in another process: it receives what the robot senses and hears, and sends advice.
 
-Nothing here waits: one that hangs, floods, says rubbish or is gone costs the robot some system calls a reading, and the
-guard brakes when its last advice is old. Packets are records of the byte table, one a datagram.
+Nothing here blocks: a planner that hangs, floods, sends garbage or is gone costs the robot only some system calls per
+reading. The guard brakes when its last advice is too old. Packets are records of the byte table, one per datagram.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 log = logging.getLogger(__name__)
 
 PLANNERS = ("unix", "udp")
-HINT = "unix:PATH or udp:ADDRESS:PORT of phalanx robot advise"
-# Packets that are taken at a reading, more than a socket keeps: a flood does not push true advice back.
+HINT = "use unix:PATH or udp:ADDRESS:PORT of phalanx robot advise"
+# Packets read per reading, more than a socket buffers: a flood cannot delay genuine advice.
 MOST_AT_ONCE = 512
-MOST_LOOKS = 32  # at signatures, in these
+MOST_LOOKS = 32  # of these, packets whose signatures are checked
 PACKET_BYTES = guarded.SIGNED_BYTES + 1
 
 
 class FarPlanner:
-    """Asks at `where` for a robot's advice; counts `taken` advice, and `rubbish`. Raises: UsageError: no address."""
+    """Client of a planner at `where`; counts advice `taken`, and `rubbish`. Raises: UsageError: invalid address."""
 
     def __init__(self, where: str, folder: Path, scenario: Scenario, rob_id: int, mission: int) -> None:
         kind, _, self._at = where.partition(":")
@@ -40,8 +40,8 @@ class FarPlanner:
         self._address = None if self._path else parsed(self._at)
         self._id, self._mission = rob_id, mission
         self._key = row(bytes.fromhex(scenario.guard.adviser_key)) if scenario.guard.adviser_key else None
-        self._advised_ms = -1  # the date of the newest that was signed
-        # Of readings that signed advice may answer: who has not seen them costs us no look at a signature.
+        self._advised_ms = -1  # time of the newest signed advice
+        # Times of readings that signed advice can answer: advice for other times is rejected before its signature is.
         self._asked_ms: deque[int] = deque(maxlen=scenario.guard.advice_ms // scenario.bti.t_control_ms + 2)
         self._looks = 0
         self.taken = self.rubbish = 0
@@ -51,14 +51,14 @@ class FarPlanner:
             log.warning("robot %d: anybody at %s may advise it: the mission's guard has no adviser_key", rob_id, where)
 
     def advice(self, reading: bytes) -> bytes:
-        """The newest advice that has come, b"" for none; and the planner is sent the reading."""
+        """Return the newest advice received, or b"", and send the reading to the planner."""
         newest, self._looks = b"", MOST_LOOKS
         for _ in range(MOST_AT_ONCE):
             try:
                 packet = self._receive()
             except BlockingIOError:
                 break
-            except OSError:  # over UDP: nobody listened there when we spoke
+            except OSError:  # over UDP: the last packet was not delivered
                 continue
             if self._is_advice(packet):
                 newest = packet
@@ -72,18 +72,18 @@ class FarPlanner:
         return newest
 
     def forward_state(self, packet: bytes) -> None:
-        """The planner is sent a broadcast, if it is one of where a robot is."""
+        """Send a received broadcast to the planner, if it is a robot's state."""
         if len(packet) == STATE.size and packet[0] == KIND_STATE:
             self._send(packet)
 
     def close(self) -> None:
-        """Nobody is asked any more."""
+        """Close the socket."""
         if self._socket:
             self._socket.close()
         self._socket = None
 
     def _is_advice(self, packet: bytes) -> bool:
-        """Return whether it is advice for this robot: what is not, is not even logged."""
+        """Return whether a packet is advice for this robot; other packets are not even logged."""
         if self._key is None:
             return len(packet) == guarded.WISH.size and packet[0] == guarded.KIND_WISH
         if len(packet) != guarded.SIGNED_BYTES or packet[0] != guarded.KIND_SIGNED_WISH:
@@ -98,7 +98,7 @@ class FarPlanner:
         return True
 
     def _receive(self) -> bytes:
-        """The next packet; over UDP one may be empty. Raises: BlockingIOError: none has come; OSError: over UDP."""
+        """Return the next packet; over UDP it may be empty. Raises: BlockingIOError: none; OSError: over UDP."""
         if not self._socket:
             raise BlockingIOError
         try:
@@ -120,7 +120,7 @@ class FarPlanner:
         assert self._socket
         try:
             self._socket.send(packet)
-        except BlockingIOError:  # it takes nothing: it will be sent the next
+        except BlockingIOError:  # its queue is full: it gets the next packet
             return
         except OSError:
             if self._path:
@@ -139,7 +139,7 @@ class FarPlanner:
         except OSError as error:
             made.close()
             if self._was_there:
-                log.warning("robot %d: nobody advises it at %s: %s", self._id, self._at, error.strerror)
+                log.warning("robot %d: no planner at %s: %s", self._id, self._at, error.strerror)
             self._was_there = False
             return False
         self._socket, self._was_there = made, True
@@ -147,11 +147,11 @@ class FarPlanner:
 
 
 def check_adviser(scenario: Scenario, *, is_far: bool) -> None:
-    """Nothing, if its robots' planner can sign. Raises: UsageError: it names an adviser, and the planner is not far."""
+    """Check that a planner can sign, if the mission requires that. Raises: UsageError: it cannot."""
     if scenario.guard.adviser_key and not is_far:
-        raise UsageError("a mission that names an adviser, and a planner of the robot's own", f"planner: {HINT}")
+        raise UsageError("the mission has an adviser_key, the planner is no separate process", f"planner: {HINT}")
 
 
 def is_far(words: str) -> bool:
-    """Return whether the planner of that name is another process."""
+    """Return whether this planner is a separate process."""
     return words.partition(":")[0] in PLANNERS

@@ -1,7 +1,7 @@
-"""Trusted nodes of a gateway's own: they seal what it says to robots, and check the tokens that it hears.
+"""A gateway's own trusted nodes: they seal its packets to robots, and check the tokens that it receives.
 
-They are a robot's nodes, under a number of their own among the mission's keys, with limits that stop nobody: no robot
-audits a gateway. Whoever has them can seal packets and vouch, as any one robot can. Source: docs/adr/0034.
+They are a robot's nodes with an id of their own among the mission's keys, and without limits, as no robot audits a
+gateway. Like any robot, their holder can seal packets and issue tokens. Source: docs/adr/0034.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from .settings import RobotSettings
 from .trusted import AT_T, WHAT_TIME, connect_nodes, provision_keys, start
 
 AT_HCKPT = REQUEST.at("hckpt")
-# Nobody vouches for a gateway: its nodes ask for no tokens for as long as their clock counts, 49 days.
+# A gateway gets no tokens: its nodes do not require any as long as their clock counts, 49 days.
 T_VAL_MS = 0xFFFFFFFF
-# Its station speaks at a pace of its own.
+# The gateway's station limits its own rate.
 ALL_US = 1_000_000
-# A process begins its clock anew at each start, and robots take no seal that is older than one before. So its clock
-# begins where none of its seals can have been: a file says up to where it may have sealed, and is ahead by so much.
+# A process restarts its clock at each start, and robots reject seals older than previous ones. So its clock starts
+# later than any seal before: a file contains a reserved time, at most RESERVED_MS ahead of the seals.
 RESERVED_MS = 3_600_000
-LAST_MS = 1 << 31  # of what a process's clock begins with
-DRIFT = 2000  # of two clocks, the one may gain a part in so many on the other: 500 ppm
-CLAIMS = 4  # checkpoints of a robot that a token may be for, the newest
+LAST_MS = 1 << 31  # largest start value of a process's clock
+DRIFT = 2000  # clocks may drift apart by 1 / DRIFT: 500 ppm
+CLAIMS = 4  # newest checkpoints of a robot for which a token is accepted
 
 
 class GatewayNode:
-    """Holds nodes with the mission's key until `close`; `clock_file` keeps up to where a process may have sealed.
+    """Owns nodes with the mission key until `close`; `clock_file` stores the reserved time of a process.
 
-    Raises: UsageError: a file, or the nodes, are another's; Unavailable: nobody answers, or they have had the key.
+    Raises: UsageError: a file or the nodes belong to others; Unavailable: no answer, or the key was loaded before.
     """
 
     def __init__(self, settings: RobotSettings, scenario: Scenario, clock_file: Path) -> None:
@@ -51,16 +51,14 @@ class GatewayNode:
         if self._is_process:
             self._reserved_ms = _kept(clock_file)
             settings = replace(settings, said=replace(said, clock_ahead_ms=self._reserved_ms))
-            # It is made anew: a process has its key as long as it lives, and takes no mission's twice.
+            # The nodes are created anew: a process loses its key when it ends, and loads each mission's only once.
             flash = settings.path(said.trusted.partition(":")[2])
             if flash.exists():
-                # A key's file, or a robot's nodes, named by mistake, must not go.
+                # A key file or a robot's nodes, named by mistake, must not be deleted.
                 before = connect_nodes(settings)
                 before.close()
                 if before.about.robot_id != said.robot:
-                    raise UsageError(
-                        f"{flash} holds no nodes of this gateway's", "the name of a file that is not there"
-                    )
+                    raise UsageError(f"{flash} does not belong to this gateway's nodes", "use the name of a new file")
                 flash.unlink()
         self._node = connect_nodes(settings)
         try:
@@ -74,24 +72,24 @@ class GatewayNode:
     def _begin(self, settings: RobotSettings, scenario: Scenario) -> None:
         sealed = read_mission_key(settings.path(settings.said.key), settings.said.robot)
         if self._node.about.seq == sealed.seq and self._node.ask(lines.SEND, packet=WHAT_TIME)[0] > 0:
-            return  # a board that kept its power: the gateway alone was started again
+            return  # a board that kept its power while the gateway was restarted
         start(self._node, provision_keys(self._node, settings, gateway_limits(scenario)))
         self._reserve(self._reserved_ms)
 
     def seal(self, packet: bytes) -> bytes:
-        """The packet as it goes out; b"" if it is too much at once. Raises: Unavailable: they are gone, or refuse."""
+        """Return the sealed packet, or b"" above the rate limit. Raises: Unavailable: the nodes are gone, or refuse."""
         if not self._is_sealed:
             return packet
         code, result = self._node.ask(lines.SEND, packet=packet)
         if code == E_AIRTIME:
             return b""
         if code < 0:
-            raise Unavailable(f"the gateway's trusted nodes seal nothing: {REASONS[code]}", "the next mission's key")
+            raise Unavailable(f"the gateway's trusted nodes do not seal: {REASONS[code]}", "issue the next key")
         self._reserve(get_u32(row(result), AT_T))
         return result[ENTRY_HEADER_BYTES:]
 
     def open(self, raw: bytes) -> bytes:
-        """The packet in what came; b"" if robots' nodes would not take it. Raises: Unavailable: ours are gone."""
+        """Return the packet without its seal, or b"" if the seal is invalid. Raises: Unavailable: nodes are gone."""
         if not self._is_sealed:
             return raw
         if len(raw) <= SEAL.size or self._node.ask(lines.RECV, packet=raw)[0] < 0:
@@ -99,7 +97,7 @@ class GatewayNode:
         return raw[: -SEAL.size]
 
     def store_fragment(self, packet: bytes) -> None:
-        """A piece of a request: its first one says which checkpoint tokens will be for."""
+        """Store the checkpoint of an audit request from its first fragment: tokens will refer to it."""
         with contextlib.suppress(PeerError):
             said = AUDIT_FRAGMENT.decode(packet)
             hckpt = said["bytes"][AT_HCKPT : AT_HCKPT + HASH_BYTES]
@@ -107,16 +105,16 @@ class GatewayNode:
                 self._claims[said["src"]].append(hckpt)
 
     def is_token(self, auditor: int, auditee: int, t: int, mac: bytes) -> bool:
-        """Return whether the auditor's nodes made this token, for a checkpoint that the auditee showed."""
+        """Return whether the auditor's nodes issued this token, for a checkpoint that the auditee sent."""
         return any(
             self._node.ask(lines.CHECK_TOKEN, auditor=auditor, auditee=auditee, t=t, hckpt=hckpt, mac=mac)[0] >= 0
             for hckpt in reversed(self._claims[auditee])
         )
 
     def age_s(self, auditee: int, t: int, now_s: float) -> float:
-        """How old a true token is that a robot asked for at `t` of its clock.
+        """Return the age of a genuine token that a robot requested at `t` of its own clock.
 
-        That clock is where the least `now - t` of all true tokens for it says; of the same time a part in DRIFT more.
+        The robot's clock is estimated from the least `now - t` of all its genuine tokens, plus a drift of 1 / DRIFT.
         """
         behind_s = now_s - t / 1000
         least_s, since_s = self._least_s.get(auditee, (behind_s, now_s))
@@ -131,12 +129,12 @@ class GatewayNode:
             write_private(self._file, b"%d\n" % self._reserved_ms, replace=True)
 
     def close(self) -> None:
-        """Nobody asks them any more."""
+        """Disconnect from the nodes."""
         self._node.close()
 
 
 def gateway_limits(scenario: Scenario) -> Limits:
-    """Return the limits with which a gateway's nodes are made."""
+    """Return the limits of a gateway's nodes."""
     limits = limits_of(scenario.bti, scenario.radio)
     return replace(limits, t_val_ms=T_VAL_MS, send_us_per_s=ALL_US, send_capacity_us=ALL_US)
 
@@ -149,5 +147,5 @@ def _kept(path: Path) -> int:
     except (OSError, ValueError) as error:
         raise Unavailable(f"cannot read {path}", "remove it, and issue the next mission's key") from error
     if not 0 <= kept < LAST_MS:
-        raise UsageError(f"{path} says {kept} ms", "the mission is old: issue the next one's key")
+        raise UsageError(f"{path} contains {kept} ms, which is out of range", "issue the next mission's key")
     return kept

@@ -1,8 +1,8 @@
-"""All that was ever in a robot's log, in a file: a line of JSON, and the log's bytes behind it, as they were chained.
+"""A robot's complete log in a file: a line of JSON, followed by the log's bytes as they were hashed.
 
-A c-node forgets what its auditors have covered. The file is evidence for whoever reads it later, and nothing in the
-robot's life depends on it: on a disk that is full it ends, and the robot goes on. It is written as it comes,
-by a thread: a disk that is busy holds up no reading. A file that was cut short is read up to there.
+A c-node discards entries that its auditors have covered; the file keeps them as evidence. The robot does not depend on
+it: if the disk is full the file ends, and the robot continues. A thread writes it, so a slow disk does not delay
+readings. A truncated file is read as far as it goes.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from phalanx.wire.fields import get_u32
 from phalanx.wire.table import PROOF
 
 log = logging.getLogger(__name__)
-MOST_WAITING = 20_000  # pieces of which the disk has taken none yet: some minutes
-LAST_S = 5.0  # for what still waits when the robot ends
+MOST_WAITING = 20_000  # pieces that wait for the disk: some minutes
+LAST_S = 5.0  # to write waiting pieces when the robot ends
 
 
 class KeptLog:
-    """Keeps a log as a context; one of an earlier mission stays beside it. Raises: on entering, Unavailable."""
+    """Writer of a log, as a context; an earlier mission's log is kept beside it. Raises: on entering, Unavailable."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._beside = path, path.with_name(f".{path.name}.{os.getpid()}")
@@ -44,7 +44,7 @@ class KeptLog:
             self._beside.unlink(missing_ok=True)
             self._file = os.fdopen(os.open(self._beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb", 0)
         except OSError as error:
-            raise Unavailable(f"cannot write {self._path}: {error.strerror}", "another folder") from error
+            raise Unavailable(f"cannot write {self._path}: {error.strerror}", "use another folder") from error
         self._writer.start()
         return self
 
@@ -52,10 +52,10 @@ class KeptLog:
         self._waiting.put(b"")
         self._writer.join(LAST_S)
         with contextlib.suppress(OSError):
-            self._beside.unlink(missing_ok=True)  # a mission that never began
+            self._beside.unlink(missing_ok=True)  # if the mission never began
 
     def begin(self, head: dict[str, Any]) -> None:
-        """The mission has begun: this is its log's first line."""
+        """Write the log's first line when the mission begins."""
         self._write(json.dumps(head).encode() + b"\n")
         try:
             if self._path.exists():
@@ -67,14 +67,14 @@ class KeptLog:
     def keep(self, fleet: Fleet) -> None:
         """Append new entries of the robot's log. Call it after each event, which lengthens or shortens the log.
 
-        Where an audit was asked for, what the trusted nodes said for it stands too: who has the mission key checks it.
+        For each audit request it also writes the trusted nodes' proof, which can be checked with the mission key.
         """
         robot = fleet.robot[0]
         length, asked = int(robot.log_len), int(robot.requests_sent)
         if length >= self._seen:
             begin = self._seen
             if asked > self._asked:
-                shown = fleet.request.rows[0]  # the only one; whole, though it may have been said and given back
+                shown = fleet.request.rows[0]  # the only one; complete even after it was sent
                 begin = min(length, max(begin, int(get_u32(shown, request.AT_SEGMENT_LEN))))
                 head = shown[: request.HEAD_BYTES].tobytes()
                 self._write(
@@ -87,7 +87,7 @@ class KeptLog:
         if raw and self._file and self._waiting.qsize() < MOST_WAITING:
             self._waiting.put(raw)
         elif raw and self._file:
-            self._end("the disk takes nothing")
+            self._end("the disk is too slow")
 
     def _write_all(self) -> None:
         while raw := self._waiting.get():
@@ -103,6 +103,6 @@ class KeptLog:
     def _end(self, why: str | None) -> None:
         file, self._file = self._file, None
         if file:
-            log.warning("%s is kept no further: %s", self._path, why)
+            log.warning("%s: the log is no longer written: %s", self._path, why)
             with contextlib.suppress(OSError):
                 file.close()

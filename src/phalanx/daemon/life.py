@@ -1,8 +1,8 @@
-"""Run one robot in real time from its mission key on: its c-node between trusted nodes, radio and driver.
+"""Run one robot in real time from its mission key on: its c-node with trusted nodes, radio and driver.
 
-The handlers are those of the simulator, and robot/runtime.py keeps the timers. A due reading comes before everything
-else, and packets are handled one at a time: so an audit delays a reading by no more than its own time. Without a
-reading the robot logs one of NaN in its place, stops its motors, and goes on with audits.
+The handlers are those of the simulator, and robot/runtime.py keeps the timers. A due reading has priority, and packets
+are handled one at a time, so an audit delays a reading by its own duration at most. Without a reading the robot logs
+one of NaN, stops its motors, and continues its audits.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ from .trusted import OwnClock
 log = logging.getLogger(__name__)
 _Audit = TypeVar("_Audit", bound=Hashable)
 
-# In tenths of δ: how long before a reading's time on the grid the sensors are read, so a late one has more than δ left.
-# A robot that waits for advice reads when advice comes (at most AT_ADVICE early), or at that time itself.
+# In tenths of δ: how long before a reading's time on the grid the sensors are read; this leaves over δ for delays.
+# A robot that waits for advice reads when advice arrives (at most AT_ADVICE early), or at the grid time.
 EARLY, AT_ADVICE = 7, 9
-# In tenths of δ: how long after that time to wait for sensors; the rest is for the way to the trusted nodes.
+# In tenths of δ: how long after that time to wait for sensors; the rest is for the trusted nodes' line.
 LATE = 5
 ALIVE_S = 0.1  # period of `Hardware.alive`
 
@@ -59,22 +59,22 @@ def memory_kb() -> int:
 
 
 class Life:
-    """One robot in real time; its trusted nodes get their mission key right before `begin`.
+    """One robot in real time; its trusted nodes receive their mission key right before `begin`.
 
     Attributes:
         clock: the clock of its trusted nodes.
         radio: its radio.
         far: a planner in another process, or None.
-        longest_ms: the longest time of each activity; `late` is how late a reading came.
-        why_late: the latest reading, if it was later than δ / 2, and what took the time; "" for none.
+        longest_ms: the longest time of each activity; `late` is the delay of a reading.
+        why_late: the delay of the latest reading, if over δ / 2, and its cause; "" for none.
         waits_for_advice: readings wait for advice, which `advised` announces.
         memory_began_kb: memory of the process when its mission key was loaded.
         began_ms, began_s: when its mission key was loaded, by its nodes' clock and by this machine's monotonic clock.
         why_stopped: why it is in Safe Mode; "" while it is not.
         why_ended: why its process has ended; "" while it has not.
-        no_reading: when, by the robot's clock, readings ceased, and why; None while there are readings.
-        given: tokens issued, by auditee: how many, and when the last, ms.
-        refused: audits refused, by auditee and refusal: how many, and when the last, ms.
+        no_reading: since when there are no readings, by the robot's clock, and why; None while there are.
+        given: tokens issued, by auditee: number, and time of the last, ms.
+        refused: audits refused, by auditee and refusal: number, and time of the last, ms.
     """
 
     def __init__(
@@ -89,9 +89,9 @@ class Life:
         mission: int = 1,
     ) -> None:
         if scenario.defence != "hardened":
-            raise UsageError(f"defence is {scenario.defence}", "hardened: no other has boards")
+            raise UsageError(f"defence is {scenario.defence}", "use hardened, the only one with boards")
         if rob_id > scenario.robots:
-            raise UsageError(f"robot {rob_id} is not in the mission", f"robots are 1 to {scenario.robots}")
+            raise UsageError(f"robot {rob_id} is not in the mission", f"use a robot from 1 to {scenario.robots}")
         self.scenario, self.id, self.mission = scenario, rob_id, mission
         self._reads = driving(scenario).reads
         self.clock, self._hardware, self.radio = clock, hardware, radio
@@ -119,7 +119,7 @@ class Life:
             self.attack.attack.kind.before_key(rob_id, HARDENED, self._rows[0], scenario.bti.f_max)
         self._advised = self.waits_for_advice = False
         self._lateness, self.why_late = Lateness(), ""
-        self._came = asyncio.Event()
+        self._packet_or_advice = asyncio.Event()
         self._cpu_s = self.began_s = 0.0
         self.began_ms = self.memory_began_kb = 0
         self.longest_ms = {"late": 0.0, "reading": 0.0, "packet": 0.0, "audit": 0.0, "check": 0.0}
@@ -131,18 +131,18 @@ class Life:
         self.robot: Robot | Liar | None = None
 
     def begin(self) -> None:
-        """Start: the mission key has just been loaded. Raises: Unavailable: the nodes are gone."""
+        """Start, right after the mission key was loaded. Raises: Unavailable: the nodes are gone."""
         now_ms = self.clock.now_ms()
-        self.robot = self._as_it_is(now_ms)
+        self.robot = self._make_robot(now_ms)
         self.runtime = Runtime(self.robot, self.scenario.bti, now_ms)
-        self.began_ms = now_ms  # kept here, because an attack may change its c-node's own record
+        self.began_ms = now_ms  # stored here, as an attack can change its c-node's own record
         self.memory_began_kb = memory_kb()
         self.began_s, self._cpu_s = time.monotonic(), time.process_time()
 
-    def _as_it_is(self, now_ms: int) -> Robot | Liar:
+    def _make_robot(self, now_ms: int) -> Robot | Liar:
         if self.attack is None:
             return Robot(self.fleet, 0, self._work, self._controller)
-        log.warning("robot %d rehearses an attack: %s", self.id, self.attack.name)
+        log.warning("robot %d simulates an attack: %s", self.id, self.attack.name)
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.scenario.seed, self.id])))
         plan = plan_of(self.scenario, self.attack, now_ms, chance)
         return lying(self.attack.attack, self.fleet, 0, self._work, plan, self._controller)
@@ -150,14 +150,14 @@ class Life:
     async def live(self, kept: KeptLog) -> None:
         """Run until cancelled or stopped by the nodes, then stop the motors. Raises: Unavailable: no nodes or arena."""
         loop = asyncio.get_running_loop()
-        loop.add_reader(self.radio, self._came.set)
+        loop.add_reader(self.radio, self._packet_or_advice.set)
         beats = loop.create_task(self._beat())
         try:
             await self._until_stopped(kept)
         finally:
             self._hardware.stop()
             beats.cancel()
-            # In Safe Mode too: the socket is no longer read, and the system drops packets once its buffer is full.
+            # Also in Safe Mode: the socket is no longer read, and the system drops packets once its buffer is full.
             loop.remove_reader(self.radio)
         self.why_stopped = why_stopped(self.fleet, self.clock.now_ms(), self.longest_ms["late"])
         log.error("robot %d is in Safe Mode: %s", self.id, self.why_stopped)
@@ -173,21 +173,21 @@ class Life:
             wait_ms = await self._turn()
             elsewhere.raise_failed()
             kept.keep(self.fleet)
-            self._came.clear()
+            self._packet_or_advice.clear()
             if wait_ms <= 0:
-                await asyncio.sleep(0)  # let the loop read packets that have come
+                await asyncio.sleep(0)  # let the loop read received packets
                 continue
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(wait_ms / 1000 / self.clock.speed):
-                    await self._came.wait()
+                    await self._packet_or_advice.wait()
 
     def advised(self) -> None:
         """Note new advice: the next reading may be as early as auditors allow."""
         self._advised = True
-        self._came.set()
+        self._packet_or_advice.set()
 
     async def _turn(self) -> float:
-        """Handle the most urgent due event, or one packet. Returns: 0; if there was none, ms until the next is due."""
+        """Handle the most urgent due event, or one packet. Return 0, or ms until the next event if none was due."""
         runtime, now_ms = self.runtime, self.clock.now_ms()
         assert runtime
         self._lateness.turn(self.clock.asked_ms)
@@ -222,8 +222,8 @@ class Life:
     def _note_late(self, late_ms: int) -> None:
         delta_ms = self.scenario.bti.delta_ms
         if late_ms > max(delta_ms / 2, self.longest_ms["late"]):
-            least = f", and its auditors allow {delta_ms}" if late_ms > delta_ms else ""
-            self.why_late = f"a reading came {late_ms} ms late{least}: {self._lateness.why()}"
+            limit = f", and its auditors allow {delta_ms} ms" if late_ms > delta_ms else ""
+            self.why_late = f"a reading was {late_ms} ms late{limit}: {self._lateness.why()}"
             log.warning("robot %d: %s", self.id, self.why_late)
         self._note("late", late_ms)
 
@@ -246,7 +246,7 @@ class Life:
     def _note_missing(self, now_ms: int, why: str) -> None:
         if self.no_reading is None:
             self._hardware.stop()
-            log.warning("robot %d stands: no reading: %s", self.id, why)
+            log.warning("robot %d stops its motors: no reading: %s", self.id, why)
         self.no_reading = (self.no_reading[0] if self.no_reading else now_ms), why
 
     def _overhear(self, now_ms: int, packet: bytes) -> None:
@@ -266,7 +266,7 @@ class Life:
                     # No radio acknowledgement: an auditor that missed it sends no token, and another is asked.
                     waiting.extend(self.runtime.on_sent(self.clock.now_ms(), arrived=True))
             elif isinstance(done, Actuate):
-                if self.no_reading is None:  # otherwise motors stand, though a point mass would coast
+                if self.no_reading is None:  # otherwise the motors stay stopped
                     self._hardware.drive(done.command)
             elif done.refusal == Refusal.NONE:
                 self._count(self.given, done.auditee)
@@ -288,7 +288,7 @@ class Life:
     def first_deviation_ms(self) -> int | None:
         """Return when this robot first deviated, by its own clock; None for an honest robot.
 
-        Never before its attack begins: the honest controller beside it knows its nodes' time to a millisecond only.
+        Never before the attack begins: the honest controller beside it knows its nodes' time only to a millisecond.
         """
         if not isinstance(self.robot, Liar) or self.robot.first_deviation_ms is None:
             return None
@@ -296,7 +296,7 @@ class Life:
         return max(self.robot.first_deviation_ms, began_ms) if self.clock.now_ms() >= began_ms else None
 
     def close(self) -> None:
-        """Close the driver and a far planner, and forget the trusted nodes."""
+        """Close the driver and a planner in another process, and release the trusted nodes."""
         self._lateness.close()
         if self.far:
             self.far.close()

@@ -1,6 +1,6 @@
-"""Attacks between an a-node and the air: who has a robot's computer has its radio, whatever the a-node lets through.
+"""Attacks by a radio that bypasses the a-node: an attacker on the robot's computer controls its radio.
 
-The c-node above is honest, and its log is true: no audit sees any of this. Source: docs/spec/sealed-radio.md.
+The c-node is honest and its log is true, so no audit can detect these. Source: docs/spec/sealed-radio.md.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from phalanx.errors import UsageError, did_you_mean
 from phalanx.net.udp_radio import Radio
 from phalanx.wire.table import SEAL, STATE
 
-AGAIN_S = (0.02, 1.0, 3.0)  # after so long what was heard or said is said again
+AGAIN_S = (0.02, 1.0, 3.0)  # delays after which a packet is repeated
 HELD_S = 3.0
-HINT = "NAME[:robot=I,at=T], as replay:robot=2,at=5"
+HINT = "use NAME[:robot=I,at=T], such as replay:robot=2,at=5"
 AT_ID = STATE.at("id")
 
 
 @dataclass(frozen=True, slots=True)
 class OnAir:
-    """Which robot's radio does what, and from when on, seconds since it was first asked what it hears."""
+    """An attack by one robot's radio, and its start, seconds after the radio's first use."""
 
     name: str
     robot: int = 1
@@ -29,7 +29,7 @@ class OnAir:
 
 
 class HostileRadio:
-    """A radio that does what is asked for, and more; its times are of a clock at `speed` of true time."""
+    """A radio that also attacks; its times are of a clock that runs at `speed` of real time."""
 
     def __init__(self, radio: Radio, attack: OnAir, speed: float = 1.0) -> None:
         self._radio, self._attack, self._speed = radio, attack, speed
@@ -42,19 +42,19 @@ class HostileRadio:
 
     def send(self, packet: bytes) -> None:
         """See `Radio`."""
-        lies = self._lies
-        if lies and self._attack.name == "hold":
+        attacks = self._is_attacking
+        if attacks and self._attack.name == "hold":
             self._later(HELD_S, packet)
             return
         self._radio.send(packet)
-        if lies:
-            self._more(packet)
+        if attacks:
+            self._send_more(packet)
 
     def take(self) -> bytes:
         """See `Radio`."""
-        lies, packet = self._lies, self._radio.take()
-        if packet and lies and self._attack.name == "replay":
-            self._more(packet)
+        attacks, packet = self._is_attacking, self._radio.take()
+        if packet and attacks and self._attack.name == "replay":
+            self._send_more(packet)
         return packet
 
     def fileno(self) -> int:
@@ -62,7 +62,7 @@ class HostileRadio:
         return self._radio.fileno()
 
     @property
-    def _lies(self) -> bool:
+    def _is_attacking(self) -> bool:
         now_s = asyncio.get_running_loop().time()
         self._began_s = self._began_s or now_s
         return (now_s - self._began_s) * self._speed >= self._attack.at_s
@@ -70,7 +70,7 @@ class HostileRadio:
     def _later(self, after_s: float, packet: bytes) -> None:
         asyncio.get_running_loop().call_later(after_s / self._speed, self._radio.send, packet)
 
-    def _more(self, packet: bytes) -> None:
+    def _send_more(self, packet: bytes) -> None:
         if self._attack.name == "replay":
             for each_s in AGAIN_S:
                 self._later(each_s, packet)
@@ -87,21 +87,22 @@ def forgeries(packet: bytes) -> list[bytes]:
     return [packet[: -SEAL.size], bytes(altered), bytes(named), packet + packet[-SEAL.size :]]
 
 
-# To speak past the a-node, to repeat what was heard and said, to be late, and to have another mission's key.
+# Bypass the a-node, repeat received and sent packets, delay packets, use another mission's key.
 ATTACKS = ("past", "replay", "hold", "foreign-key")
 
 
 def parse_on_air(words: str, robots: int) -> OnAir:
-    """The attack that is meant. Raises: UsageError: there is none such."""
+    """Parse an attack. Raises: UsageError: no such attack, option or robot."""
     name, _, rest = words.partition(":")
-    said = dict(each.partition("=")[::2] for each in filter(None, rest.split(",")))
+    options = dict(each.partition("=")[::2] for each in filter(None, rest.split(",")))
     try:
-        attack = OnAir(name, int(said.pop("robot", "1")), float(said.pop("at", "5")))
+        attack = OnAir(name, int(options.pop("robot", "1")), float(options.pop("at", "5")))
     except ValueError as error:
         raise UsageError(f"--on-air {words}: {error}", HINT) from error
-    if name not in ATTACKS or said:
-        near = did_you_mean(next(iter(said), ""), ("robot", "at")) if name in ATTACKS else did_you_mean(name, ATTACKS)
-        raise UsageError(f"--on-air {words}: no such attack or option", f"{near}{', '.join(ATTACKS)}; {HINT}")
+    if name not in ATTACKS or options:
+        wrong, known = (next(iter(options), ""), ("robot", "at")) if name in ATTACKS else (name, ATTACKS)
+        near = did_you_mean(wrong, known)
+        raise UsageError(f"--on-air {words}: no such attack or option", f"{near}one of {', '.join(ATTACKS)}; {HINT}")
     if not 1 <= attack.robot <= robots or not 0 <= attack.at_s < 1e9:
-        raise UsageError(f"--on-air {words}: robot or time is out of range", f"robots are 1 to {robots}")
+        raise UsageError(f"--on-air {words}: robot or time is out of range", f"use a robot from 1 to {robots}")
     return attack

@@ -1,9 +1,9 @@
 """Check a kept log against the MACs of the robot's trusted nodes; needs the mission key.
 
-A kept log has, after each request for an audit, what the request began with: the tops of both chains, which hold all
-that the nodes ever let through, and the nodes' MACs over them. Who has the owner's keys re-hashes the log and compares:
-up to the last proof it is what the nodes saw, whatever the robot's computer would have it be. Behind it nothing is.
-Source: RoboRebound §3.4, §3.7; docs/spec/rebound.md.
+After each audit request, a kept log has the head of the request: the tops of both chains, which cover everything that
+the nodes let through, and the nodes' MACs over them. The owner of the keys re-hashes the log and compares. Up to the
+last proof the log is what the nodes recorded, even if the robot's computer is compromised; later entries are unproven.
+Source: RoboRebound §3.4, §3.7; docs/spec/rebound-nodes.md, docs/spec/rebound.md.
 """
 
 from __future__ import annotations
@@ -42,50 +42,50 @@ from phalanx.wire.table import (
 
 from .evidence import Kept
 
-# Who signed what a robot was told, anybody can check: with the public keys in the mission's file.
+# Signers of messages that a robot received, checked with the public keys in the mission's file.
 NOBODY, UNKNOWN = "nobody whom the mission names", "somebody: too many to look at"
-MOST_LOOKS = 50_000  # a hostile log has 700 000; an hour of a joystick's orders is 20 000
+MOST_LOOKS = 50_000  # signatures to check: a hostile log has 700 000, an hour of joystick orders 20 000
 AT_SIGNER = ORDER.at("signer")
 HEAD = [field.name for field in REQUEST.all_fields if field.type != "rest"]
 
 
 @dataclass(frozen=True, slots=True)
 class Proven:
-    """Up to where a log is proven, in entries from its beginning, and which proof is not the nodes' own, if any.
+    """Result of the check: number of proven entries from the beginning, and the first false proof, if any.
 
-    `t_ms` is when the last true proof was made, of the a-node's clock; 0 without one.
+    `t_ms` is the time of the last valid proof, by the a-node's clock; 0 without one.
     """
 
     entries: int
     t_ms: int
-    false_at: int | None  # of so many entries before it, a proof says other than what is there
+    false_at: int | None  # number of entries before a proof that contradicts them
 
     @property
     def holds(self) -> bool:
-        """Return whether anything is proven, and nothing disproved."""
+        """Return whether an entry is proven, and none disproved."""
         return self.entries > 0 and self.false_at is None
 
 
 def mission_key_of(kept: Kept, keys_file: Path, passphrase: str, issued: Path) -> bytes:
-    """Return the secret key of the log's mission, 20 bytes. Raises: UsageError: a file is another's; Unavailable."""
+    """Return the secret key of the log's mission, 20 bytes. Raises: UsageError: a wrong file; Unavailable."""
     sealed = read_mission_key(issued, kept.robot)
     if sealed.seq != kept.mission:
-        raise UsageError(f"{issued} is of mission {sealed.seq}", f"the log is of mission {kept.mission}")
+        raise UsageError(f"{issued} is of mission {sealed.seq}", f"use the file of mission {kept.mission}")
     with opened(keys_file, passphrase) as keys:
         master = keys.master(kept.robot)
     return unsealed(master, sealed)
 
 
 def unsealed(master: bytes, sealed: MissionKey) -> bytes:
-    """The mission key, as trusted nodes with this master key have it. Raises: UsageError: it was sealed for others."""
+    """Return the mission key, decrypted with a master key. Raises: UsageError: it was sealed with another one."""
     if not hmac.compare_digest(mac_of(master, MKEY.encode(k=sealed.k, r=sealed.r, seq=sealed.seq)), sealed.mac):
-        raise UsageError("the mission's key was issued with other keys", "those with which the robot was provisioned")
+        raise UsageError("the mission's key was issued with other keys", "use those that provisioned the robot")
     blind = hashlib.sha1(sealed.r + master, usedforsecurity=False).digest()
     return bytes(a ^ b for a, b in zip(sealed.k, blind, strict=True))
 
 
 def mac_of(key: bytes, message: bytes) -> bytes:
-    """The MAC that trusted nodes with this key make of these bytes. Source: docs/spec/rebound-nodes.md."""
+    """Return the MAC of these bytes, as trusted nodes with this key compute it. Source: docs/spec/rebound-nodes.md."""
     mac = np.zeros(MAC_BYTES, np.uint8)
     assert len(key) == KEY_BYTES
     trusted.lightmac(row(key), row(message), len(message), mac)
@@ -93,7 +93,7 @@ def mac_of(key: bytes, message: bytes) -> bytes:
 
 
 def proven(kept: Kept, mission_key: bytes) -> Proven:
-    """Return how far the nodes' own MACs bear out a log. Source: RoboRebound Alg. 2, 4; docs/spec/rebound-nodes.md."""
+    """Return how much of a log its nodes' MACs prove. Source: RoboRebound Alg. 2, 4; docs/spec/rebound-nodes.md."""
     tops = [bytes(HASH_BYTES)] * 2
     held: tuple[list[bytes], list[bytes]] = ([], [])
     count = entries = t_ms = 0
@@ -107,9 +107,9 @@ def proven(kept: Kept, mission_key: bytes) -> Proven:
     for each in entries_of(kept.raw):
         raw = kept.raw[each.at : each.end]
         if each.kind == PROOF.tag:
-            said = PROOF.decode(raw)
-            head = dict(zip(HEAD, REQUEST.form.unpack(said["head"]), strict=True))
-            if held[0] or held[1] or not _is_true(mission_key, kept.robot, tops, said["auditor"], head):
+            message = PROOF.decode(raw)
+            head = dict(zip(HEAD, REQUEST.form.unpack(message["head"]), strict=True))
+            if held[0] or held[1] or not _is_true(mission_key, kept.robot, tops, message["auditor"], head):
                 return Proven(entries, t_ms, count)
             entries, t_ms = count, int(head["t"])
             continue
@@ -133,10 +133,10 @@ def _is_true(key: bytes, robot: int, tops: list[bytes], auditor: int, head: dict
 
 @dataclass(slots=True)
 class Signed:
-    """Messages of one signer in a log, each once; times are seconds since the mission key."""
+    """Messages of one signer in a log, duplicates excluded; times are seconds since the mission key."""
 
     signer: str
-    key: str  # public, hexadecimal; "" for nobody's
+    key: str  # public, hexadecimal; "" if unknown
     count: int
     first_s: float
     last_s: float
@@ -146,36 +146,36 @@ def signed_in(kept: Kept) -> list[Signed]:
     """Group the signed messages in a log by signer, in order of first receipt; NOBODY for forged ones."""
     found: dict[str, Signed] = {}
     seen: set[bytes] = set()
-    for t_ms, said, keys in _told(kept):
-        if said in seen:  # a stop is said again and again; and what is held back comes twice
+    for t_ms, message, keys in _signed_messages(kept):
+        if message in seen:  # stops are repeated, and delayed messages arrive twice
             continue
         signer = UNKNOWN
         if len(seen) < MOST_LOOKS:
-            seen.add(said)
-            signer = next((name for name, key in keys.items() if _is_by(key, said)), NOBODY)
+            seen.add(message)
+            signer = next((name for name, key in keys.items() if _is_by(key, message)), NOBODY)
         at_s = (t_ms - kept.t_key_ms) / 1000
-        told = found.setdefault(signer, Signed(signer, keys.get(signer, ""), 0, at_s, at_s))
-        told.count += 1
-        told.last_s = at_s
+        entry = found.setdefault(signer, Signed(signer, keys.get(signer, ""), 0, at_s, at_s))
+        entry.count += 1
+        entry.last_s = at_s
     return list(found.values())
 
 
-def _told(kept: Kept) -> Iterator[tuple[int, bytes, dict[str, str]]]:
-    """When it was told what, and the public keys of who may have said so."""
+def _signed_messages(kept: Kept) -> Iterator[tuple[int, bytes, dict[str, str]]]:
+    """Yield the time and bytes of each signed message, and the public keys of its possible signers."""
     scenario, now_ms = kept.scenario, kept.t_key_ms
-    who = {GATEWAY: ("gateway", scenario.gateway_key), OPERATOR: ("operator", scenario.operator_key)}
+    signers = {GATEWAY: ("gateway", scenario.gateway_key), OPERATOR: ("operator", scenario.operator_key)}
     for each in kept.entries():
         now_ms = max(now_ms, each.t_ms)
         if each.kind == ENTRY_RECV:
-            said = kept.raw[each.at + ENTRY_HEADER_BYTES : each.end]
-            if len(said) >= ORDER.size + SIGNATURE_BYTES and said[0] == KIND_ORDER:
-                named = who.get(said[AT_SIGNER])
-                yield now_ms, said, dict([named] if named else [])
+            message = kept.raw[each.at + ENTRY_HEADER_BYTES : each.end]
+            if len(message) >= ORDER.size + SIGNATURE_BYTES and message[0] == KIND_ORDER:
+                named = signers.get(message[AT_SIGNER])
+                yield now_ms, message, dict([named] if named else [])
         elif each.kind == log.ADVICE:
-            said = kept.raw[each.at + guarded.ADVICE.size : each.end]
-            if len(said) == guarded.SIGNED_BYTES and said[0] == guarded.KIND_SIGNED_WISH:
-                yield now_ms, said, {"adviser": scenario.guard.adviser_key}
+            message = kept.raw[each.at + guarded.ADVICE.size : each.end]
+            if len(message) == guarded.SIGNED_BYTES and message[0] == guarded.KIND_SIGNED_WISH:
+                yield now_ms, message, {"adviser": scenario.guard.adviser_key}
 
 
-def _is_by(key: str, said: bytes) -> bool:
-    return bool(key) and trusted.order_check(row(bytes.fromhex(key)), row(said), len(said)) == 0
+def _is_by(key: str, message: bytes) -> bool:
+    return bool(key) and trusted.order_check(row(bytes.fromhex(key)), row(message), len(message)) == 0

@@ -1,4 +1,4 @@
-"""From a robot's file to its life and its end: everything made in the order in which it can fail."""
+"""Set up a robot from its file, run it, and end it; parts are created in the order in which they can fail."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ log = logging.getLogger(__name__)
 
 
 def mission_of(settings: RobotSettings) -> Scenario:
-    """The scenario that the file names. Raises: UsageError, Unavailable."""
+    """Return the scenario that the file names. Raises: UsageError, Unavailable."""
     scenario = mission_in(settings.base, settings.said.mission)
     if scenario.controller == WHEELS and settings.said.radio.group:
-        raise UsageError("a group, for robots that obey orders", "peers alone: each would log what the others are told")
+        raise UsageError("a group, for robots that obey orders", "use peers only: each would log the others' orders")
     return with_room_for_seals(scenario) if settings.said.radio.sealed else scenario
 
 
 def mission_in(folder: Path, words: str) -> Scenario:
-    """The scenario of that name, or in that file of the folder. Raises: UsageError, Unavailable."""
+    """Return the scenario of that name, or in that file of the folder. Raises: UsageError, Unavailable."""
     scenario = for_robots(find_scenario(words if words in built_in("scenarios") else str(folder / words)))
     if scenario.controller == WHEELS and not (scenario.gateway_key and scenario.operator_key):
-        raise UsageError(f"{words} names no gateway_key and operator_key", "phalanx keys list shows both")
+        raise UsageError(f"{words} has no gateway_key and operator_key", "add those of phalanx keys list")
     return scenario
 
 
@@ -64,10 +64,10 @@ def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, M
 
 
 def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: str) -> None:
-    """Give the robot's nodes their limits, and a master key of the file of keys, over their line.
+    """Load the robot's limits and a master key from a key file into its nodes, over their line.
 
-    They are asked before the key is used up, and it is on disk as given before they have it.
-    Raises: UsageError: they, or the number, have a key already, or something in a file; Unavailable: nobody answers.
+    The nodes are checked before the key is used up. The key is marked as used on disk before it is sent.
+    Raises: UsageError: the nodes or the id already have a key, or a file is invalid; Unavailable: no answer.
     """
     check_may_have_key(settings)
     scenario, _ = controlled(mission_of(settings), settings)
@@ -75,13 +75,13 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
     node = connect_nodes(settings)
     try:
         if node.about.robot_id:
-            raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s already", "once only: another board")
+            raise UsageError(f"its trusted nodes already belong to robot {node.about.robot_id}", "use a new board")
         with opened(keys_file, passphrase) as keys:
             master = keys.provision(robot, today)
         node.make(limits_of(scenario.bti, scenario.radio), sealed=settings.said.radio.sealed)
         node.load_master(master, robot)
     except Refused as error:
-        raise UsageError(f"its trusted nodes refuse: {error.reason}", "another board") from error
+        raise UsageError(f"its trusted nodes refuse: {error.reason}", "use another board") from error
     finally:
         node.close()
 
@@ -94,12 +94,12 @@ async def run_robot(
     attacks: tuple[AttackSpec, ...] = (),
     make_base: Callable[[int, Scenario, Declaration], AdvisedHardware] | None = None,
 ) -> None:
-    """Run the robot until this is cancelled; in Safe Mode it stands, and tells of it.
+    """Run the robot until cancelled; in Safe Mode it stands still and still publishes its state.
 
     Args:
-        in_arena: an arena has forked this process: it has warned about the nodes already, and frozen its memory.
-        attacks: who lies how, in place of what the mission says of that.
-        make_base: what makes sensors, motors and planner, in place of those that the file names.
+        in_arena: an arena has forked this process, has warned about the nodes and has frozen its memory.
+        attacks: attacks that replace the mission's.
+        make_base: creates sensors, motors and planner, in place of those in the file.
     Raises: UsageError: its file; Unavailable: nodes, radio, sensors or folder; then its nodes stop it.
     """
     scenario, controller = controlled(mission_of(settings), settings)
@@ -110,7 +110,7 @@ async def run_robot(
         node = connect_nodes(settings)
         stack.callback(node.close)
         if said.trusted.startswith("process") and not in_arena:
-            log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
+            log.warning("robot %d: its trusted nodes are a process, no protection on this machine", said.robot)
         sealed = provision_keys(node, settings, limits)
         kept = stack.enter_context(KeptLog(settings.log_file))
         may = may_send(scenario, len(said.radio.peers), sealed=said.radio.sealed)
@@ -118,7 +118,7 @@ async def run_robot(
             contextlib.closing(UdpRadio(said.radio.here, said.radio.peers, said.radio.group, may))
         )
         if on_air:
-            log.warning("robot %d rehearses an attack on the air: %s", said.robot, on_air.name)
+            log.warning("robot %d simulates an attack by its radio: %s", said.robot, on_air.name)
             radio = HostileRadio(radio, on_air, said.clock_speed)
         air = SealedAir(node, radio) if said.radio.sealed else None
         declared = driving(scenario)
@@ -131,12 +131,12 @@ async def run_robot(
         elif said.planner:
             planner = find_planner(str(settings.path(said.planner)))
         clock, ears = OwnClock(air or node, said.clock_speed), air or radio
-        lived = replace(scenario, attacks=attacks) if attacks else scenario
-        life = Life(lived, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
+        with_attacks = replace(scenario, attacks=attacks) if attacks else scenario
+        life = Life(with_attacks, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
         stack.callback(life.close)
         if not in_arena:
             gc.collect()
-            gc.freeze()  # looking through what lives as long as we do takes longer than a reading may be late
+            gc.freeze()  # collecting permanent objects takes longer than a reading may be late
         if base:
             await base.ready()
             loop = asyncio.get_running_loop()
@@ -153,46 +153,46 @@ async def run_robot(
             **({"signed": signed.told} if signed else {}),
         }
         kept.begin(head)
-        own_files = () if in_arena else settings.own_files  # of an arena's the arena tells
+        own_files = () if in_arena else settings.own_files  # the arena reports errors in its own files
         await _live(life, kept, settings.state_file, base, own_files)
 
 
 async def _live(
     life: Life, kept: KeptLog, state_file: Path, base: AdvisedHardware | None, own_files: tuple[str, ...]
 ) -> None:
-    living = asyncio.create_task(life.live(kept))
+    life_task = asyncio.create_task(life.live(kept))
     try:
         with mistakes_in(*own_files):
-            await _publish_state(life, living, state_file, base)
+            await _publish_state(life, life_task, state_file, base)
     except asyncio.CancelledError:
-        life.why_ended = "it was told to end"
+        life.why_ended = "it was stopped by a signal"
         raise
     except Exception as error:
         life.why_ended = str(error) if isinstance(error, PhalanxError) else f"{type(error).__name__}: {error}"
         raise
     finally:
-        living.cancel()
-        await asyncio.gather(living, return_exceptions=True)
+        life_task.cancel()
+        await asyncio.gather(life_task, return_exceptions=True)
         with contextlib.suppress(Exception):
             tell(state_file, state_of(life))
 
 
 async def _publish_state(
-    life: Life, living: asyncio.Task[None], state_file: Path, base: AdvisedHardware | None
+    life: Life, life_task: asyncio.Task[None], state_file: Path, base: AdvisedHardware | None
 ) -> None:
-    untold = ""
+    last_error = ""
     while True:
         state = state_of(life)
         if base:
             base.tell(state)
         try:
-            await asyncio.to_thread(tell, state_file, state)  # a disk that is busy holds up no reading
-            untold = ""
-        except Unavailable as error:  # a full disk is no reason to end
-            if str(error) != untold:
+            await asyncio.to_thread(tell, state_file, state)  # in a thread: a slow disk must not delay readings
+            last_error = ""
+        except Unavailable as error:  # continue with a full disk
+            if str(error) != last_error:
                 log.warning("%s", error)
-            untold = str(error)
-        await asyncio.wait([living], timeout=EVERY_S)
-        if living.done():
-            await living
-            await asyncio.sleep(EVERY_S)  # it stands; what it tells stays new
+            last_error = str(error)
+        await asyncio.wait([life_task], timeout=EVERY_S)
+        if life_task.done():
+            await life_task
+            await asyncio.sleep(EVERY_S)  # in Safe Mode: keep publishing the state

@@ -1,4 +1,4 @@
-"""Settings file of one robot: its id, its mission, and where its trusted nodes, radio, sensors and motors are."""
+"""Settings file of one robot: its id, its mission, its trusted nodes, radio, sensors and motors."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from phalanx.errors import UsageError, did_you_mean
 from phalanx.net.udp_radio import parsed
 
 MOST_BYTES = 1 << 16
-HINT = "phalanx docs guides/robot has an example"
+HINT = "see the example: phalanx docs guides/robot"
 NODES = ("process", "serial", "unix", "tcp")
 TRUSTED = "process:FLASH_FILE, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT"
 BASES = ("python", "arena", "ros2", "dotbot")
-PLANNER = "FILE.py:CLASS, or where phalanx robot advise listens: unix:PATH or udp:ADDRESS:PORT"
+PLANNER = "FILE.py:CLASS, or the address of phalanx robot advise: unix:PATH or udp:ADDRESS:PORT"
 DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, dotbot://HOST:PORT/ADDRESS, or ros2 for phalanx robot ros2"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadioFile:
-    """Addresses where the radio sends and listens. Raises: UsageError: there is no peer."""
+    """Addresses of the robot's radio over UDP. Raises: UsageError: there is no peer."""
 
-    here: str = field(metadata=description("where this robot listens, ADDRESS:PORT"))
-    peers: tuple[str, ...] = field(metadata=description("the others' ADDRESS:PORT; from nobody else it hears anything"))
+    here: str = field(metadata=description("the robot's own ADDRESS:PORT"))
+    peers: tuple[str, ...] = field(metadata=description("the others' ADDRESS:PORT; other senders are ignored"))
     packets: Literal["plain", "sealed"] = field(
-        default="plain", metadata=description("sealed: each carries its a-node's seal; the same for all robots")
+        default="plain", metadata=description("sealed: with the a-node's seal; the same for all robots")
     )
     group: str = field(
-        default="", metadata=description("a multicast group to speak to, ADDRESS:PORT, instead of each peer")
+        default="", metadata=description("a multicast group to send to, ADDRESS:PORT, instead of each peer")
     )
 
     def __post_init__(self) -> None:
         if not self.peers:
-            raise UsageError("peers are none", "the other robots' addresses")
+            raise UsageError("peers is empty", "list the other robots' addresses")
 
     @property
     def sealed(self) -> bool:
@@ -48,38 +48,34 @@ class RadioFile:
 class RobotFile:
     """One robot. Paths are relative to the file's folder. Raises: UsageError: a value is out of range."""
 
-    robot: int = field(metadata={"within": (1, 0xFFFF), **description("its number, as its board has it")})
-    mission: str = field(
-        metadata=description("a scenario that comes with phalanx, or its file: the same for all robots")
-    )
-    key: str = field(metadata=description("the mission's key, as phalanx keys issue wrote it"))
+    robot: int = field(metadata={"within": (1, 0xFFFF), **description("its id, as on its board")})
+    mission: str = field(metadata=description("a bundled scenario, or the file of one: the same for all robots"))
+    key: str = field(metadata=description("file of the mission's key, from phalanx keys issue"))
     board: str = field(
-        default="", metadata=description("what phalanx keys provision wrote, for nodes without a master key")
+        default="", metadata=description("file of phalanx keys provision, for nodes without a master key")
     )
-    trusted: str = field(
-        default="process:trusted.flash", metadata=description(f"where its trusted nodes are: {TRUSTED}")
-    )
-    wheels: str = field(default="", metadata=description("Unix socket of motors that obey the trusted process alone"))
-    clock_ppm: int = within(0, -1000, 1000, "the trusted process's clock runs fast by so much; to try things with")
-    clock_speed: float = within(1.0, 0.05, 1.0, "and at so much of true time; in a slow arena")
-    clock_ahead_ms: int = within(0, 0, 1 << 31, "what it shows at its start, ms")
+    trusted: str = field(default="process:trusted.flash", metadata=description(f"its trusted nodes: {TRUSTED}"))
+    wheels: str = field(default="", metadata=description("Unix socket of motors that obey only the trusted process"))
+    clock_ppm: int = within(0, -1000, 1000, "ppm by which the trusted process's clock runs fast, for experiments")
+    clock_speed: float = within(1.0, 0.05, 1.0, "its speed as a share of real time, in a slow arena")
+    clock_ahead_ms: int = within(0, 0, 1 << 31, "its value at the start, ms")
     controller: str = field(
-        default="", metadata=description("FILE.py:CLASS of your own instead of the mission's: the same for all robots")
+        default="", metadata=description("your own FILE.py:CLASS instead of the mission's: the same for all robots")
     )
     planner: str = field(
-        default="", metadata=description(f"who advises it if a guard drives it: {PLANNER}; else ToGoal")
+        default="", metadata=description(f"planner of a robot with controller guard: {PLANNER}; default: ToGoal")
     )
-    driver: str = field(metadata=description(f"what reads its sensors and drives its motors: {DRIVERS}"))
-    radio: RadioFile = field(metadata=description("over UDP"))
-    folder: str = field(default=".", metadata=description("where it keeps its log and tells of its state"))
+    driver: str = field(metadata=description(f"driver of its sensors and motors: {DRIVERS}"))
+    radio: RadioFile = field(metadata=description("its radio, over UDP"))
+    folder: str = field(default=".", metadata=description("folder of its log and its state file"))
 
     def __post_init__(self) -> None:
         check_limits(self)
         for name, kinds, allowed in (("trusted", NODES, TRUSTED), ("driver", BASES, DRIVERS)):
-            said = getattr(self, name)
-            kind = said.partition(":")[0]
+            value = getattr(self, name)
+            kind = value.partition(":")[0]
             if kind not in kinds:
-                raise UsageError(f"{name} is {said!r}", did_you_mean(kind, kinds) + allowed)
+                raise UsageError(f"{name} is {value!r}", did_you_mean(kind, kinds) + allowed)
         kind, _, where = self.planner.partition(":")
         if kind == "udp":
             parsed(where)
@@ -89,13 +85,13 @@ class RobotFile:
 
 @dataclass(frozen=True, slots=True)
 class RobotSettings:
-    """A robot's file as it was read, and where it lies."""
+    """A robot's file after parsing, and its folder."""
 
     said: RobotFile
     base: Path
 
     def path(self, words: str) -> Path:
-        """A path of the file's."""
+        """Return a path from the file, relative to its folder."""
         return self.base / words
 
     @property
@@ -116,14 +112,14 @@ class RobotSettings:
 
 
 def read_robot(path: Path) -> RobotSettings:
-    """The robot in a file. Raises: UsageError: none, or with a mistake in a line; Unavailable: it cannot be read."""
+    """Return the robot in a file. Raises: UsageError: invalid, with the line; Unavailable: it cannot be read."""
     data = read_at_most(path, MOST_BYTES, HINT)
-    said: RobotFile = Reader(str(path), HINT).root(RobotFile, data, "robot file")
-    return RobotSettings(said, path.parent)
+    value: RobotFile = Reader(str(path), HINT).root(RobotFile, data, "robot file")
+    return RobotSettings(value, path.parent)
 
 
 def robot_schema() -> dict[str, Any]:
-    """A JSON schema (draft 2020-12) of robots' files. Source: json-schema.org."""
+    """Return the JSON schema (draft 2020-12) of ROBOT.yaml files. Source: json-schema.org."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "phalanx robot",

@@ -1,7 +1,7 @@
-"""Which mission a mission's key was issued for, signed by the owner: so a robot's evidence does not choose its own.
+"""The owner's signature over the mission for which a key was issued: a robot's evidence cannot name another one.
 
-The signature is in the file of the mission's key and goes with a robot's log. It covers the mission's number and all
-that the mission says but its name and who rehearses attacks.
+The signature is in the file of the mission key, and is copied to the robot's log. It covers the mission's number and
+its settings except the name and simulated attacks.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from phalanx.scenarios.file import written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import PACKET_MAX, SEAL
 
-# The key signs encoded missions too, behind a context of their own.
+# The same key signs encoded missions, with another context.
 CONTEXT = b"phalanx swarm mission 1\x00"
 
 
 @dataclass(frozen=True, slots=True)
 class SignedMission:
-    """The owner's word that this is the mission of that number; digest, public key and signature in hexadecimal."""
+    """The owner's signature over a mission and its number; digest, public key and signature in hexadecimal."""
 
     number: int
     digest: str
@@ -36,20 +36,20 @@ class SignedMission:
     signature: str
 
     @classmethod
-    def of(cls, said: Any) -> Self | None:
-        """Return what a file says, None if nothing. Raises: ValueError, TypeError, KeyError: it is no such thing."""
-        if said is None:
+    def of(cls, entry: Any) -> Self | None:
+        """Parse a file's field; None if absent. Raises: ValueError, TypeError, KeyError: it is malformed."""
+        if entry is None:
             return None
-        texts = {name: bytes.fromhex(said[name]).hex() for name in ("digest", "signer", "signature")}
-        return cls(int(said["number"]), **texts)
+        texts = {name: bytes.fromhex(entry[name]).hex() for name in ("digest", "signer", "signature")}
+        return cls(int(entry["number"]), **texts)
 
     @property
     def told(self) -> dict[str, Any]:
-        """As `of` reads it."""
+        """Return the fields, as `of` reads them."""
         return asdict(self)
 
     def is_of(self, scenario: Scenario, number: int) -> bool:
-        """Return whether it has that mission number and its named signer's signature; not whether he is the owner."""
+        """Return whether it is for this mission and number and validly signed by its named signer, whoever that is."""
         if self.number != number or self.digest != digest_of(scenario):
             return False
         try:
@@ -61,14 +61,14 @@ class SignedMission:
 
 
 def digest_of(scenario: Scenario) -> str:
-    """SHA-256 of what robots of a mission have in common, in hexadecimal; the same with a sealed radio and without."""
+    """Return the SHA-256 (hex) of the settings that a mission's robots share, equal for sealed and plain radios."""
     packet_max = min(scenario.bti.packet_max_bytes, PACKET_MAX - SEAL.size)
     common = replace(scenario, name="", attacks=(), bti=replace(scenario.bti, packet_max_bytes=packet_max))
     return hashlib.sha256(json.dumps(written_scenario(common), sort_keys=True).encode()).hexdigest()
 
 
 def sign_mission(scenario: Scenario, number: int, key: Ed25519PrivateKey) -> SignedMission:
-    """The owner's word for it. Source: RFC 8032 (Ed25519)."""
+    """Sign a mission as the owner. Source: RFC 8032 (Ed25519)."""
     digest, signer = digest_of(scenario), key.public_key().public_bytes_raw().hex()
     return SignedMission(number, digest, signer, key.sign(_signed(number, digest)).hex())
 
@@ -78,14 +78,15 @@ def _signed(number: int, digest: str) -> bytes:
 
 
 def signed_for(issued: Path, scenario: Scenario, mission: str) -> SignedMission | None:
-    """Return what a mission key's file says of its mission. Raises: UsageError: it is another's; Unavailable."""
+    """Return the signed mission in a mission key's file. Raises: UsageError: of another mission; Unavailable."""
+    hint = "use a file that phalanx keys issue wrote"
     try:
-        told = json.loads(read_at_most(issued, MOST_BYTES, "phalanx keys issue makes one"))
-        number, signed = int(told["mission"]), SignedMission.of(told.get("signed"))
+        content = json.loads(read_at_most(issued, MOST_BYTES, hint))
+        number, signed = int(content["mission"]), SignedMission.of(content.get("signed"))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-        raise UsageError(f"{issued} is no mission key", "phalanx keys issue makes one") from error
+        raise UsageError(f"{issued} is not a mission key", hint) from error
     if signed and not signed.is_of(scenario, number):
         raise UsageError(
-            f"{issued} was issued for another mission than {mission}", "the same two files for all, as they were issued"
+            f"{issued} was issued for another mission than {mission}", "use the two files as they were issued"
         )
     return signed

@@ -1,4 +1,4 @@
-"""Publish a robot's state: a JSON file for its owner alone, replaced whole each second."""
+"""Publish a robot's state: a JSON file for its owner only, replaced atomically each second."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .life import Life, memory_kb
 
 EVERY_S = 1.0
 MOST_BYTES = 1 << 20
-HINT = "phalanx robot run starts one"
+HINT = "start the robot: phalanx robot run"
 OLD_S = 5.0
 
 
@@ -27,7 +27,7 @@ def state_of(life: Life) -> dict[str, Any]:
     robot = life.fleet.robot[0]
     runtime = life.runtime
     assert runtime
-    lied_ms = life.first_deviation_ms
+    deviated_ms = life.first_deviation_ms
     now_ms, t_val_s = life.clock.now_ms(), life.scenario.bti.t_val_ms / 1000
     return {
         "robot": life.id,
@@ -63,7 +63,7 @@ def state_of(life: Life) -> dict[str, Any]:
         "memory_began_kb": life.memory_began_kb,
         "cpu_share": round(life.cpu_share, 4),
         "attack": life.attack.name if life.attack else None,
-        "first_deviation_s": None if lied_ms is None else (lied_ms - life.began_ms) / 1000,
+        "first_deviation_s": None if deviated_ms is None else (deviated_ms - life.began_ms) / 1000,
     }
 
 
@@ -72,27 +72,27 @@ def _ended(audits: tuple[int, int], now_ms: int) -> dict[str, Any]:
 
 
 def tell(path: Path, state: dict[str, Any]) -> None:
-    """The file tells this now. Raises: Unavailable: it cannot be written."""
-    write_whole(path, json.dumps(state).encode() + b"\n", "another folder", private=True)
+    """Write the state to the file. Raises: Unavailable: it cannot be written."""
+    write_whole(path, json.dumps(state).encode() + b"\n", "use another folder", private=True)
 
 
 def told(path: Path) -> dict[str, Any]:
     """Read the state that a robot published last. Raises: UsageError: there is none."""
     try:
-        if not path.is_file():  # a pipe would keep us, and all robots of an arena, waiting for who never writes
-            raise UsageError(f"{path} is no file")
+        if not path.is_file():  # reading a pipe would block
+            raise UsageError(f"{path} is not a file")
         state: dict[str, Any] = json.loads(read_at_most(path, MOST_BYTES, HINT))
         float(state["told_s"])
         if type(state["pid"]) is not int or not 0 < state["pid"] < 1 << 31:
             raise ValueError("no process")
     except (PhalanxError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise UsageError(f"no robot has told of itself in {path}", HINT) from error
+        raise UsageError(f"{path} is not the state file of a robot", HINT) from error
     return state
 
 
 def is_running(state: dict[str, Any]) -> bool:
-    """Return whether the robot that told this is there and still tells."""
-    with contextlib.suppress(PermissionError):  # another user's
+    """Return whether the robot's process exists and updates its state."""
+    with contextlib.suppress(PermissionError):  # a process of another user
         try:
             os.kill(state["pid"], 0)
         except ProcessLookupError:

@@ -1,7 +1,7 @@
-"""Robots that are processes of their own, as an `AuditedSwarm`: a gateway's radio among theirs.
+"""Robots in separate processes as an `AuditedSwarm`: the gateway's radio among theirs.
 
-It tells them signed orders, and hears where they say they are and which tokens they give each other. With trusted nodes
-of its own it shows a token that those found to be true, and no other; where robots are is what they say.
+It sends them signed orders, and receives their states and the tokens that they exchange. If the gateway has trusted
+nodes, only tokens that they verified are shown. Robots' places are unverified claims.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ from .swarm_file import SwarmSettings
 log = logging.getLogger(__name__)
 
 TURN_S = 0.02
-# At the end whoever follows a route is told so often to stop, as UDP loses words; it takes so long at most.
-LAST_TIMES, LAST_WORDS_S = 3, 3.0
-# Of a robot that says so much less often than it should nobody can say more than that it is silent.
+# On exit, robots on a route are stopped this many times, as UDP loses packets, within this time.
+LAST_TIMES, LAST_ORDERS_S = 3, 3.0
+# A robot counts as silent after missing this many states.
 SILENT_STATES = 4
-# Each start's words are as a year later than the last one's: whatever the clock was set to, they are news (orders.md).
+# Orders of each start are dated a year after the previous start's, so they are newer whatever the clock (orders.md).
 YEAR_MS = 365 * 86_400_000
 LATEST_MS = 1 << 63
 SUB = AUDIT_TOKEN.at("sub")
 
 
 class RobotSwarm(Ordered):
-    """The robots of a swarm's file, while the context lasts; on the way out those under way are stopped.
+    """The robots in a swarm's file, while the context lasts; on exit moving robots are stopped.
 
-    A robot is there from when it was heard first. A token counts from when it was asked for, as far as that is known;
-    `unchecked` says why none are shown. The clock says seconds since 1970.
+    A robot is listed once its first state is received. A token counts from when it was requested, as far as known;
+    `unchecked` has the reason if no tokens are shown. The clock returns seconds since 1970.
     Raises: UsageError: the mission names other keys; Unavailable: radio, nodes or its file do not work.
     """
 
@@ -73,14 +73,14 @@ class RobotSwarm(Ordered):
         super().__init__((member(rob_id - 1) for rob_id in ids), ids, station)
         self._settings, self._clock = settings, clock
         self._at: dict[int, Address] = {each.robot: parsed(each.at) for each in said}
-        self._peers = list(dict.fromkeys(each.at for each in said))  # in an arena all are at one
+        self._peers = list(dict.fromkeys(each.at for each in said))  # in an arena all have one
         self._places: dict[int, tuple[Point, int]] = {}
         self._heard_at_s: dict[int, float] = {}
         self._first_at_s: dict[int, float] = {}
         self._tokens: dict[tuple[int, int], float] = {}
         self._newest_ms: dict[tuple[int, int], int] = {}
         self._node: GatewayNode | None = None
-        self.unchecked = "" if settings.own else "no trusted nodes of its own check tokens: pages show no shields"
+        self.unchecked = "" if settings.own else "the gateway has no trusted nodes: pages show no shields"
         self._audits: deque[Audit] = deque(maxlen=1000)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._live, name="robots", daemon=True)
@@ -89,7 +89,7 @@ class RobotSwarm(Ordered):
         first_ms = self._reserve()
         for signer in (self._station.gateway, self._station.operator):
             signer.number = first_ms
-        # This clock goes on while the machine sleeps: what robots learnt of it stays true.
+        # This clock also counts while the machine is suspended, so orders stay newer.
         self._ahead_s = first_ms / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)
         may = may_send(self._settings.scenario, len(self._peers))
         self._radio = UdpRadio(self._settings.said.here, self._peers, may=may)
@@ -104,22 +104,22 @@ class RobotSwarm(Ordered):
 
     def __exit__(self, *_error: object) -> None:
         self._over.set()
-        self._thread.join(LAST_WORDS_S + 1)
+        self._thread.join(LAST_ORDERS_S + 1)
         self._radio.close()
         if self._node:
             self._node.close()
 
     def _beside(self, what: str) -> Path:
-        """A file that is kept beside the gateway's own, of this mission."""
+        """Return the path of a file of this mission beside the gateway's own file."""
         return self._settings.path.with_name(f"mission-{self._settings.mission}.{what}")
 
     def _reserve(self) -> int:
-        """From here on the words of this start count, ms; what is said is above all that was ever said."""
+        """Return the time of this start's first order, ms: later than all orders of earlier starts."""
         mission, now_ms = self._settings.mission, int(self._clock() * 1000)
         path = self._beside("said")
         try:
             before_ms = int(path.read_text())
-            if not 0 <= before_ms < LATEST_MS:  # what comes behind it must have room in an order
+            if not 0 <= before_ms < LATEST_MS:  # later times must fit an order
                 raise ValueError(before_ms)
             first_ms = max(now_ms, before_ms + YEAR_MS)
         except FileNotFoundError:
@@ -141,20 +141,20 @@ class RobotSwarm(Ordered):
         until_s, times, under_way, trouble = float("inf"), LAST_TIMES, list[str](), ""
         while (now_s := time.monotonic()) < until_s and (times or self._station.has_pending_order):
             try:
-                next_s = self._station.speak(self, now_s, self._said_ms)
+                next_s = self._station.speak(self, now_s, self._order_time_ms)
                 self._listen(min(max(0.0, next_s - now_s), TURN_S))
-            except Unavailable as error:  # its own nodes are gone, and robots hear nothing unsealed
+            except Unavailable as error:  # its nodes are gone, and robots accept only sealed packets
                 if str(error) != trouble:
                     log.warning("%s", error)
                 trouble = str(error)
                 time.sleep(TURN_S)
-            except Exception:  # whatever it was, a stop has still to be said
-                log.exception("the robots' radio")
+            except Exception:  # stops have still to be sent
+                log.exception("the robots' radio failed")
                 time.sleep(TURN_S)
             if not self._over.is_set():
                 continue
-            if until_s > now_s + LAST_WORDS_S:
-                until_s = now_s + LAST_WORDS_S
+            if until_s > now_s + LAST_ORDERS_S:
+                until_s = now_s + LAST_ORDERS_S
                 under_way = [each.address for each in self._members if each.route]
                 self._station.drop_pending()
             elif not times or self._station.has_pending_order:
@@ -164,7 +164,7 @@ class RobotSwarm(Ordered):
                 self.stop(address)
 
     @property
-    def _said_ms(self) -> int:
+    def _order_time_ms(self) -> int:
         return int((time.clock_gettime(time.CLOCK_BOOTTIME) + self._ahead_s) * 1000)
 
     def is_busy(self) -> bool:
@@ -172,7 +172,7 @@ class RobotSwarm(Ordered):
         return False
 
     def is_deaf(self, robot: int) -> bool:
-        """See `phalanx.robot.station.Air`: what is heard of it is no proof."""
+        """See `phalanx.robot.station.Air`: a robot's claims are no proof."""
         return robot not in self._at
 
     def say(self, packet: bytes, robot: int) -> None:
@@ -185,35 +185,35 @@ class RobotSwarm(Ordered):
             self._radio.send_to(packet, self._at[robot])
 
     def _listen(self, wait_s: float) -> None:
-        """One packet is heard, of each sender in its turn: boards take long for some, and a stop may wait for one."""
+        """Handle one packet, each sender in turn: boards need long for some packets, and a stop may wait."""
         if packet := self._radio.take():
-            self._hear(packet)
+            self._on_packet(packet)
         else:
             select.select([self._radio], [], [], wait_s)
 
-    def _hear(self, packet: bytes) -> None:
+    def _on_packet(self, packet: bytes) -> None:
         if self._node and not (packet := self._node.open(packet)):
             return
         try:
             if packet[0] == KIND_WHEELS_STATE:
                 self._on_state(WHEELS_STATE.decode(packet))
             elif self._node and packet[0] == KIND_AUDIT and len(packet) > SUB:
-                if packet[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(packet)["src"]):
+                if packet[SUB] == FRAGMENT and self._is_from(AUDIT_FRAGMENT.decode(packet)["src"]):
                     self._node.store_fragment(packet)
                 elif packet[SUB] == TOKEN_REPLY:
                     self._on_token(self._node, AUDIT_TOKEN.decode(packet))
         except PeerError:
-            log.debug("a packet that is none")
+            log.debug("a malformed packet")
 
-    def _is(self, robot: int) -> bool:
+    def _is_from(self, robot: int) -> bool:
         return self._at.get(robot) == self._radio.came_from
 
     def _on_state(self, state: dict[str, Any]) -> None:
         robot = state["id"]
-        if not self._is(robot):
+        if not self._is_from(robot):
             return
         i = self._ids.index(robot)
-        # A compromised robot may say that it is anywhere: pages have the area alone.
+        # Clipped, as a compromised robot can claim any place and pages show only the area.
         width_mm, height_mm = self.area_mm
         x_mm, y_mm = min(max(state["x_mm"], 0.0), width_mm), min(max(state["y_mm"], 0.0), height_mm)
         self._places[robot] = Point(x_mm, y_mm), round(state["direction_deg"])
@@ -230,7 +230,7 @@ class RobotSwarm(Ordered):
     def _on_token(self, node: GatewayNode, token: dict[str, Any]) -> None:
         auditor, auditee, t = token["src"], token["dst"], token["t"]
         if (
-            not self._is(auditor)
+            not self._is_from(auditor)
             or auditee not in self._at
             or auditor == auditee
             or t <= self._newest_ms.get((auditor, auditee), 0)
@@ -241,12 +241,12 @@ class RobotSwarm(Ordered):
         except Unavailable as error:
             if not self.unchecked:
                 log.warning("%s", error)
-            self.unchecked = "its own trusted nodes are gone: pages show no shields"
+            self.unchecked = "the gateway's trusted nodes are gone: pages show no shields"
             return
         if is_true:
             self._newest_ms[auditor, auditee] = t
             now_s = time.monotonic()
-            # As its robot's nodes count it: who holds true ones back shows nobody as protected for longer.
+            # With its true age: delayed tokens must not make a robot look protected for longer.
             self._tokens[auditor, auditee] = now_s - node.age_s(auditee, t, now_s)
             self._audits.append(Audit(auditor=self._address(auditor), auditee=self._address(auditee), refusal=""))
 
@@ -254,12 +254,12 @@ class RobotSwarm(Ordered):
 
     @property
     def area_mm(self) -> tuple[int, int]:
-        """Width and height of the mission's area."""
+        """Return width and height of the mission's area."""
         width_m, height_m = self._settings.scenario.area_m
         return round(1000 * width_m), round(1000 * height_m)
 
     def robots(self) -> Sequence[Robot]:
-        """Every robot that was ever heard, where it said it is. None tells of its battery."""
+        """Return every robot heard so far, at its claimed place. Robots do not report batteries."""
         return [
             each.seen(*self._places[robot], 0.0, self._heard_at_s[robot])
             for robot, each in zip(self._ids, self._members, strict=True)
@@ -267,7 +267,7 @@ class RobotSwarm(Ordered):
         ]
 
     def stop(self, address: str) -> None:
-        """Stand still until told otherwise."""
+        """Stop a robot until the next command."""
         self.drive(address, 0, 0)
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
@@ -278,7 +278,7 @@ class RobotSwarm(Ordered):
     def _find(self, address: str) -> int:
         i = super()._find(address)
         if self._ids[i] not in self._places:
-            raise Unknown("no such robot was heard yet")
+            raise Unknown("this robot has not been heard yet")
         return i
 
     def _address(self, robot: int) -> str:
@@ -287,7 +287,7 @@ class RobotSwarm(Ordered):
     # --- the shields --------------------------------------------------------------------------------------------------
 
     def shields(self) -> Sequence[Shield]:
-        """One for every robot that was ever heard; none, if nobody checks tokens."""
+        """Return one for every robot heard so far; none if tokens are not checked."""
         if self.unchecked:
             return ()
         now_s = time.monotonic()
@@ -299,7 +299,7 @@ class RobotSwarm(Ordered):
         left = sorted(((left_s, auditor) for auditor, left_s in self._vouchers(robot, full_s, now_s)), reverse=True)
         silent_s = SILENT_STATES * bti.steps_per_state * bti.t_control_ms / 1000
         is_silent = self._clock() - self._heard_at_s[robot] > silent_s
-        # A token that only we did not hear stops nobody: by then there is another.
+        # A token missed only by the gateway stops no robot: by then there is a newer one.
         longer_s = full_s + bti.t_audit_ms / 1000
         doubted = now_s - self._first_at_s[robot] > longer_s and (
             sum(1 for _ in self._vouchers(robot, longer_s, now_s)) < bti.tokens_needed
@@ -320,13 +320,13 @@ class RobotSwarm(Ordered):
                 yield auditor, left_s
 
     def new_audits(self) -> Sequence[Audit]:
-        """Those that ended with a token since the last call, oldest first; refusals are not said on the air."""
+        """Return audits that ended with a token since the last call, oldest first; refusals are not sent."""
         return [self._audits.popleft() for _ in range(len(self._audits))]
 
     def attacks(self) -> Sequence[AttackChoice]:
-        """None: no button compromises real robots."""
+        """Return no attacks: real robots cannot be compromised from the page."""
         return ()
 
     def compromise(self, address: str, attack: str) -> None:
-        """Nothing. Raises: Unknown: no such attack."""
+        """Refuse. Raises: Unknown: no such attack."""
         raise Unknown(f"no attack {attack[:64]!r} of {address[:64]!r}")

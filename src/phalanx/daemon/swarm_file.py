@@ -1,4 +1,4 @@
-"""Settings file of a gateway for robots in processes of their own: mission, addresses, signers."""
+"""Settings file of a gateway for robots in separate processes: mission, addresses, signing keys."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from .signed_mission import signed_for
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotAt:
-    """Address at which a robot listens. Raises: UsageError: a value is out of range."""
+    """Address of a robot's radio. Raises: UsageError: a value is out of range."""
 
-    robot: int = field(metadata={"within": (1, 0xFFFF), **description("its number")})
+    robot: int = field(metadata={"within": (1, 0xFFFF), **description("its id")})
     at: str = field(metadata=description("its radio's ADDRESS:PORT, as `here` in its own file"))
 
     def __post_init__(self) -> None:
@@ -39,31 +39,31 @@ class SwarmFile:
 
     mission: str = field(metadata=description("the robots' scenario, the same file"))
     key: str = field(metadata=description("the mission's key, the same file as the robots'"))
-    gateway: str = field(metadata=description("signs visitors' orders: PEM, of phalanx keys export"))
-    operator: str = field(metadata=description("signs the operator's stop: the same"))
-    here: str = field(metadata=description("where the gateway's radio listens, ADDRESS:PORT; a peer of each robot's"))
-    robots: tuple[RobotAt, ...] = field(metadata=description("all that visitors may drive"))
+    gateway: str = field(metadata=description("key that signs visitors' orders: PEM, of phalanx keys export"))
+    operator: str = field(metadata=description("key that signs the operator's stop: PEM, of phalanx keys export"))
+    here: str = field(metadata=description("the gateway's own ADDRESS:PORT; a peer of each robot"))
+    robots: tuple[RobotAt, ...] = field(metadata=description("the robots that visitors can drive"))
     trusted: str = field(
-        default="", metadata=description(f"where trusted nodes of the gateway's own are, which check tokens: {TRUSTED}")
+        default="", metadata=description(f"the gateway's own trusted nodes, which check tokens: {TRUSTED}")
     )
-    number: int = field(default=0, metadata={"within": (0, 0xFFFF), **description("that these have, and no robot")})
-    board: str = field(default="", metadata=description("what phalanx keys provision wrote for that number"))
-    packets: Literal["plain", "sealed"] = field(default="plain", metadata=description("as the robots' radios have it"))
+    number: int = field(default=0, metadata={"within": (0, 0xFFFF), **description("id of these nodes, not a robot's")})
+    board: str = field(default="", metadata=description("file of phalanx keys provision for that id"))
+    packets: Literal["plain", "sealed"] = field(default="plain", metadata=description("as in the robots' files"))
 
     def __post_init__(self) -> None:
         check_limits(self)
         numbers = [each.robot for each in self.robots]
         if not numbers or len(set(numbers)) < len(numbers):
-            raise UsageError("robots are none, or one is there twice", "each robot once")
+            raise UsageError("robots is empty, or contains a robot twice", "list each robot once")
         if bool(self.trusted) != bool(self.number) or self.number in numbers:
-            raise UsageError(f"trusted nodes of number {self.number}", "trusted with a number that no robot has")
+            raise UsageError(f"trusted nodes with number {self.number}", "give trusted and a number that no robot has")
         if self.packets == "sealed" and not self.trusted:
-            raise UsageError("packets: sealed, without trusted", "a gateway's own nodes seal what it says")
+            raise UsageError("packets: sealed, without trusted", "add trusted: a gateway's own nodes seal its packets")
 
 
 @dataclass(frozen=True, slots=True)
 class SwarmSettings:
-    """A swarm's file as it was read, where it lies, and what it names."""
+    """A swarm's file after parsing, its path, and its mission."""
 
     said: SwarmFile
     path: Path
@@ -72,7 +72,7 @@ class SwarmSettings:
 
     @property
     def own(self) -> RobotSettings | None:
-        """The gateway as if it were a robot, if it has trusted nodes."""
+        """Return the gateway's trusted nodes as a robot's settings, or None without such nodes."""
         said = self.said
         if not said.trusted:
             return None
@@ -87,23 +87,24 @@ class SwarmSettings:
         )
         return RobotSettings(as_robot, self.path.parent)
 
-    def signer(self, key: Ed25519PrivateKey, who: int) -> Signer:
+    def signer(self, key: Ed25519PrivateKey, purpose: int) -> Signer:
         """Load the signer with that key. Raises: UsageError: the mission names another key."""
-        name = ("gateway_key", "operator_key")[who]
-        signer = Signer(key, self.mission, who)
+        name = ("gateway_key", "operator_key")[purpose]
+        signer = Signer(key, self.mission, purpose)
         if signer.public.hex() != getattr(self.scenario, name).lower():
             raise UsageError(
-                f"{self.said.mission} names another {name} than {signer.public.hex()}", "phalanx keys list"
+                f"{self.said.mission} names another {name} than {signer.public.hex()}", "compare with phalanx keys list"
             )
         return signer
 
 
 def read_swarm(path: Path) -> SwarmSettings:
-    """The swarm in a file. Raises: UsageError: none, or with a mistake in a line; Unavailable: it cannot be read."""
+    """Return the swarm in a file. Raises: UsageError: invalid, with the line; Unavailable: it cannot be read."""
     said: SwarmFile = Reader(str(path), HINT).root(SwarmFile, read_at_most(path, MOST_BYTES, HINT), "swarm file")
     scenario = mission_in(path.parent, said.mission)
     if scenario.controller != WHEELS:
-        raise UsageError(f"{said.mission} has controller: {scenario.controller}", "wheels: the others obey no orders")
+        hint = "use wheels: other controllers obey no orders"
+        raise UsageError(f"{said.mission} has controller: {scenario.controller}", hint)
     if said.packets == "sealed":
         scenario = with_room_for_seals(scenario)
     signed_for(path.parent / said.key, scenario, said.mission)

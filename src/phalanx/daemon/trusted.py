@@ -1,4 +1,4 @@
-"""A robot's trusted nodes, wherever they are: found, given their keys, and their clock followed."""
+"""Connect to a robot's trusted nodes, load their keys, and follow their clock."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ log = logging.getLogger(__name__)
 # Compiled when the package is installed (release/build_commands.py).
 PROGRAM = Path(__file__).parents[1] / "trusted_node"
 AT_T = ENTRY.at("t")
-# To nobody: chained by no a-node and never let out, but the answer has the time.
+# A packet without receiver: no a-node logs or sends it, but the answer has the time.
 WHAT_TIME = AUDIT_FRAGMENT.encode(src=0, dst=0, request=0, index=0, count=1, bytes=b"")
 
 
 class OwnClock:
-    """The nodes' own clock, as it shows in what they answer: between a call and its answer it was so late.
+    """Estimate of the nodes' clock from their answers, which were made between a call and its return.
 
-    Ours, which runs at `speed` of true time, is moved as little as that allows, so it follows one that drifts. `taken`
-    counts packets that the a-node let in, `asked_ms` the time that answers took.
+    Our clock, which runs at `speed` of real time, is adjusted as little as the answers allow, so it follows drift.
+    `taken` counts packets that the a-node accepted, `asked_ms` is the total time of calls.
     """
 
     def __init__(self, node: Elsewhere, speed: float = 1.0) -> None:
@@ -44,7 +44,7 @@ class OwnClock:
         self._ahead_ms: float | None = None  # of ours
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """See bti.elsewhere.Elsewhere."""
+        """See `bti.elsewhere.Elsewhere`."""
         before_ms = self._ours_ms()
         code, result = self._node.ask(call, now_ms, **arguments)
         after_ms = self._ours_ms()
@@ -58,10 +58,10 @@ class OwnClock:
         return code, result
 
     def now_ms(self) -> int:
-        """The time of the nodes, ms since their power-up; they have a mission key."""
+        """Return the nodes' time, ms since their power-up; requires a mission key."""
         if self._ahead_ms is None:
             self.ask(lines.SEND, packet=WHAT_TIME)
-        assert self._ahead_ms is not None, "without a mission key they tell nothing"
+        assert self._ahead_ms is not None, "the nodes have no mission key"
         return int(self._ours_ms() + self._ahead_ms)
 
     def _ours_ms(self) -> float:
@@ -69,16 +69,16 @@ class OwnClock:
 
 
 def program() -> Path:
-    """Trusted nodes as a program, for robots without a board. Raises: UsageError: it was never compiled."""
+    """Return the path of the trusted nodes' program, for robots without a board. Raises: UsageError: not compiled."""
     if not PROGRAM.exists():
-        raise UsageError(f"no program for trusted nodes: {PROGRAM} is not there", "make setup, or pip install again")
+        raise UsageError(f"no program for trusted nodes: {PROGRAM} is missing", "run make setup, or pip install again")
     return PROGRAM
 
 
 def connect_nodes(settings: RobotSettings) -> SerialNode:
     """Return the nodes that the file names, after a handshake.
 
-    Raises: UsageError: no program, a flash that is not ours alone, or a bench; Unavailable: nobody of ours answers.
+    Raises: UsageError: no program, a flash file open to others, or a test board; Unavailable: no answer.
     """
     kind, _, where = settings.said.trusted.partition(":")
     if kind == "process":
@@ -88,21 +88,19 @@ def connect_nodes(settings: RobotSettings) -> SerialNode:
         clock = f"{ppm},{said.clock_ahead_ms}"
         line = open_line(f"process:{program()},{settings.path(where)}", wheels, clock)
     elif settings.said.wheels:
-        raise UsageError(f"wheels beside trusted: {kind}", "a board has its motors itself")
+        raise UsageError(f"wheels with trusted: {kind}", "leave wheels out: a board controls its motors itself")
     else:
         if _is_far(settings.said.trusted):
-            log.warning(
-                "nothing tells who answers at %s: a cable of its own, or nothing is protected", kind + ":" + where
-            )
+            log.warning("trusted nodes at %s are not authenticated: use a dedicated cable", kind + ":" + where)
         line = open_line(f"unix:{settings.path(where)}" if kind == "unix" else settings.said.trusted)
     node = SerialNode(line)
     if node.about.told_clock:
         node.close()
-        raise UsageError(f"{line.where} is a bench, which is told the time", "a board with a clock of its own")
-    # Not before it was opened: in a folder that is shared somebody might lay one there just then.
+        raise UsageError(f"{line.where} is a test board without a clock", "use a board with its own clock")
+    # Checked after opening: in a shared folder another user could create the file just before.
     if kind == "process" and not _is_private(settings.path(where)):
         node.close()
-        raise UsageError(f"{settings.path(where)} is another user's, or open to others", "another file, or chmod 600")
+        raise UsageError(f"{settings.path(where)} is another user's, or open to others", "use chmod 600, or another")
     return node
 
 
@@ -114,7 +112,7 @@ def _is_private(path: Path) -> bool:
 
 
 def _is_far(trusted: str) -> bool:
-    """Return whether they are asked over a network."""
+    """Return whether the nodes are reached over a network."""
     kind, _, where = trusted.partition(":")
     host = where.rpartition(":")[0].strip("[]")
     try:
@@ -125,27 +123,27 @@ def _is_far(trusted: str) -> bool:
 
 
 def check_may_have_key(settings: RobotSettings) -> None:
-    """Nothing, if a master key may go where the nodes are. Raises: UsageError: over a network, to whoever answers."""
+    """Check that a master key may be sent to the nodes. Raises: UsageError: over an unauthenticated network."""
     if _is_far(settings.said.trusted):
         raise UsageError(
-            f"a master key for whoever answers at {settings.said.trusted}",
-            "give it over a serial line, or over tcp: to this machine, where an ssh -L may listen",
+            f"cannot send a master key to {settings.said.trusted}: no authentication",
+            "use a serial line, or tcp: to this machine, such as to a tunnel of ssh -L",
         )
 
 
 def provision_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> MissionKey:
-    """Return the mission's key; give new nodes their master key. Raises: UsageError, Refused, Unavailable."""
+    """Return the mission's key; load the master key into new nodes. Raises: UsageError, Refused, Unavailable."""
     said = settings.said
     sealed = read_mission_key(settings.path(said.key), said.robot)
     if node.about.robot_id == 0:
         check_may_have_key(settings)
         if not said.board:
-            raise UsageError("its trusted nodes have no master key", "board: FILE, of phalanx keys provision")
+            raise UsageError("its trusted nodes have no master key", "add board: FILE, from phalanx keys provision")
         master = read_board(settings.path(said.board), said.robot)
         node.make(limits, sealed=said.radio.sealed)
         node.load_master(master, said.robot)
     elif node.about.robot_id != said.robot:
-        raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s", "another board, or another file")
+        raise UsageError(f"its trusted nodes belong to robot {node.about.robot_id}", "use another board, or file")
     elif node.about.sealed != said.radio.sealed:
         were = "were" if node.about.sealed else "were not"
         raise UsageError(
@@ -153,15 +151,16 @@ def provision_keys(node: SerialNode, settings: RobotSettings, limits: Limits) ->
         )
     if sealed.seq <= node.about.seq:
         raise Unavailable(
-            f"its trusted nodes have had the key of mission {sealed.seq} already: the robot stands still",
-            "phalanx keys issue makes the next mission's key",
+            f"its trusted nodes already had the key of mission {sealed.seq}: the robot stands still",
+            "issue the next mission's key: phalanx keys issue",
         )
     return sealed
 
 
 def start(node: SerialNode, sealed: MissionKey) -> None:
-    """The mission has begun. Raises: UsageError: the key is not sealed for these nodes; Unavailable."""
+    """Load the mission key, which starts the mission. Raises: UsageError: sealed for other nodes; Unavailable."""
     try:
         node.load_mission(0, sealed)
     except Refused as error:
-        raise UsageError(f"its trusted nodes refuse the mission's key: {error.reason}", "phalanx keys issue") from error
+        hint = "issue the key for these nodes: phalanx keys issue"
+        raise UsageError(f"its trusted nodes refuse the mission's key: {error.reason}", hint) from error

@@ -1,4 +1,4 @@
-"""The broker at which visitors are served, as the operator sees it."""
+"""The broker that serves visitors, and its state on the operator's page."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ REPORT_S = 1.0
 
 
 class Connected(Protocol):
-    """A program's connection to a broker."""
+    """A connection to a broker."""
 
     @property
     def connected(self) -> bool:
-        """Return whether the broker is there now."""
+        """Return whether the broker is connected now."""
 
     @property
     def trouble(self) -> str:
-        """Return what the last connection attempt died of; "" while connected."""
+        """Return why the last connection attempt failed; "" while connected."""
 
 
 class AtBroker:
-    """A broker that is used, and how it is.
+    """A broker in use, with the state of its connection.
 
     Args:
-        link: whose connection tells.
-        page: that visitors open.
-        for_visitors: the broker's URL for them.
+        link: the connection to the broker.
+        page: the page that visitors open.
+        for_visitors: the broker's URL for visitors.
     """
 
     def __init__(self, broker: RunningBroker, link: Connected, page: str, for_visitors: str) -> None:
         self._broker, self._link = broker, link
         self._no_phone = no_way_from(page, for_visitors)
         if self._no_phone:
-            log.warning("%s; hint: a wss:// one, with --broker URL --broker-ws", self._no_phone)
+            log.warning("%s; hint: use a wss:// address, with --broker URL --broker-ws", self._no_phone)
 
     @property
     def connected(self) -> bool:
-        """Return whether it is there now."""
+        """Return whether the broker is connected now."""
         return self._link.connected
 
     def state(self) -> dict[str, Any]:
-        """Return what the operator's page shows of it."""
+        """Return the broker's state for the operator's page."""
         return {
             "name": self._broker.name,
             "url": str(self._broker.url),
@@ -58,7 +58,7 @@ class AtBroker:
         }
 
     async def report(self, say: Callable[[dict[str, Any]], None]) -> None:
-        """Tell when it goes and comes, until cancelled."""
+        """Emit an event when the connection is lost or restored, until cancelled."""
         connected = True
         while True:
             await asyncio.sleep(REPORT_S)

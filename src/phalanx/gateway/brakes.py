@@ -1,7 +1,7 @@
-"""What stops robots: a thread of its own, so that nothing which holds up the event loop holds up a stop.
+"""Stop robots from a separate thread, so that a busy event loop cannot delay a stop.
 
-Only this file stops a robot that nobody drives any longer, and all of them when the operator says so. Nothing that
-comes over the link is handled in this thread.
+Only this file stops robots whose driver is silent, and all robots on the operator's stop. Nothing received over the
+link is handled in this thread.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from phalanx.robot import Swarm
 log = logging.getLogger(__name__)
 
 AGAIN_S = 0.1
-EXPIRES_S = 0.3  # a joystick drives only as long as somebody keeps saying so
+EXPIRES_S = 0.3  # a joystick has to repeat its command within this time
 
 
 class Joysticks:
-    """Which robots are being driven, and until when: a phone whose battery dies must not leave a robot running."""
+    """Robots being driven, with expiry times: a robot must not keep moving when its driver's phone fails."""
 
     def __init__(self) -> None:
-        self._until: dict[str, float] = {}  # all drive for equally long: whose time is up first is first
+        self._until: dict[str, float] = {}  # all drive for the same time, so the first entry expires first
 
     def drive(self, address: str, moving: bool, uptime_s: float) -> None:
         """Note a wheel command."""
@@ -37,15 +37,15 @@ class Joysticks:
             self._until[address] = uptime_s + EXPIRES_S
 
     def is_driven(self, address: str) -> bool:
-        """Return whether its time is not up, or nobody has asked."""
+        """Return whether the robot is driven: its command has not expired, or its expiry is not yet reported."""
         return address in self._until
 
     def driven(self) -> list[str]:
-        """Return the robots whose time is not up."""
+        """Return the robots that are being driven."""
         return list(self._until)
 
     def expired(self, uptime_s: float) -> list[str]:
-        """Return the robots to be stopped now; each is named once."""
+        """Return the robots to stop now, each once."""
         stop = [address for address, until_s in self._until.items() if until_s <= uptime_s]
         for address in stop:
             del self._until[address]
@@ -57,7 +57,7 @@ class Joysticks:
 
 
 class Brakes:
-    """Drives robots, and stops them. Its thread runs in the outermost of its contexts; methods are for any thread."""
+    """Drives and stops robots. Its thread runs in the outermost of its contexts; methods are thread-safe."""
 
     def __init__(self, swarm: Swarm) -> None:
         self.held = False
@@ -84,7 +84,7 @@ class Brakes:
         self._thread.join(1.0)  # a driver that hangs must not hold up the end
 
     def hold(self, held: bool = True) -> None:
-        """Have every robot stand still, whatever it is told: an emergency stop. Or let robots move again."""
+        """Stop every robot and refuse commands (emergency stop), or with `held` false let robots move again."""
         self.held = held
         self._wake.set()
 
@@ -94,7 +94,7 @@ class Brakes:
             raise Held("the operator has stopped all robots")
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """Turn a robot's wheels until its time is up, or stop it. Raises: Held; Unknown, and what a driver raises."""
+        """Turn a robot's wheels until the command expires, or stop it. Raises: Held; Unknown; errors of a driver."""
         if not (left_pct or right_pct):
             # Disarmed last: a driver that fails may have left the wheels turning.
             self._swarm.drive(address, 0, 0)
@@ -107,17 +107,17 @@ class Brakes:
         finally:
             with self._lock:
                 is_late = not self._joysticks.is_driven(address)
-            # Its time was up before the driver was done: what it says now comes after the stop.
+            # The command expired before the driver returned, so the driver may have acted after the stop.
             if is_late and not self._attempt(address, partial(self._swarm.stop, address)):
                 self._arm(address, True)
 
     def stop(self, address: str) -> None:
-        """Stop a robot, whatever it is doing. Raises: Unknown, and what a driver raises."""
+        """Stop a robot, whatever it is doing. Raises: Unknown; errors of a driver."""
         self._swarm.stop(address)
         self._arm(address, False)  # last: a driver that fails may have left the wheels turning
 
     def follows_a_route(self, address: str) -> None:
-        """No joystick drives it any longer."""
+        """Note that a robot follows a route: its joystick command no longer expires."""
         self._arm(address, False)
 
     def _arm(self, address: str, moving: bool) -> None:
@@ -144,39 +144,39 @@ class Brakes:
             wait_s = AGAIN_S if due_s is None else min(AGAIN_S, due_s - time.monotonic())
             self._wake.wait(max(0.0, wait_s))
             self._wake.clear()
-        # Nobody is left who would stop them.
+        # After this thread ends, nothing would stop them.
         with self._lock:
             driven = self._joysticks.driven()
         for address in driven:
             self._attempt(address, partial(self._swarm.stop, address))
 
-    def _attempt(self, who: str, act: Callable[[], None]) -> bool:
+    def _attempt(self, target: str, act: Callable[[], None]) -> bool:
         try:
             act()
         except Unknown:
-            log.debug("%s left while being driven", who)
-        except Exception as error:  # noqa: BLE001  # whatever a robot's driver does, the others are stopped too
-            log.error("%s: cannot be stopped (%s); trying again", who, type(error).__name__)  # noqa: TRY400
+            log.debug("%s left while being driven", target)
+        except Exception as error:  # noqa: BLE001  # one driver's failure must not keep others from being stopped
+            log.error("%s: stopping failed (%s), retrying", target, type(error).__name__)  # noqa: TRY400
             return False
         return True
 
 
 class KeptStop:
-    """A file that is there while all robots are stopped; without a path nothing is kept. For any thread."""
+    """A file that exists while all robots are stopped; without a path nothing is stored. Thread-safe."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._lock = threading.Lock()
 
     def was_held(self) -> bool:
-        """Whether the last gateway with this file ended, in whatever way, while all robots were stopped."""
+        """Return whether all robots were stopped when the last gateway with this file ended."""
         return self._path is not None and os.path.lexists(self._path)
 
     def keep(self, held: Callable[[], bool]) -> None:
-        """Put on disk what is so now; if that fails the log says what a restart would forget."""
+        """Store the current state; if that fails, log what a restart would forget."""
         if self._path is None:
             return
-        with self._lock:  # whoever comes last asks last
+        with self._lock:  # so the last caller stores the latest state
             try:
                 if held():
                     os.close(os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o600))
@@ -184,4 +184,4 @@ class KeptStop:
                     self._path.unlink(missing_ok=True)
             except OSError as error:
                 why = error.strerror
-                log.warning("%s: %s; a restart forgets that you stopped robots, or let them go", self._path, why)
+                log.warning("%s: %s; a restart will forget that robots were stopped or released", self._path, why)

@@ -1,7 +1,7 @@
-"""A file to which lines are only added. Each has the hash of the line before it, so that none is changed unnoticed.
+"""Append-only file in which each line contains the hash of the previous one, so that changes are detected.
 
-A second file, the mark, has the hash of the last line: so its own writer and `phalanx link trail verify` see that the
-end was cut off. Whoever may write both can forge both.
+A second file, the mark, contains the hash of the last line. It lets the gateway and `phalanx link trail verify` detect
+a truncated file. An attacker who can write both files can forge both.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ log = logging.getLogger(__name__)
 
 FIRST = "0" * 64  # hash before the first line
 CHAIN = "chain"
-LINE_BYTES = 4096  # the longest that is written
+LINE_BYTES = 4096  # longest line written
 TAIL_BYTES = 64 * 1024  # longer than any line of an earlier version
 MARK = '{{"bytes":{size:15},"top":"{top}"}}\n'
 
 
 class ChainFile:
-    """The file at `path`, made if it is not there. A damaged one is moved aside, and a new one begun.
+    """The file at `path`, created if missing. A damaged file is renamed, and a new one is started.
 
     Attributes:
-        found: what was wrong with what was there, an event and its words; None: nothing.
+        found: damage found when opening, as an event and its fields; None if there was none.
 
     Raises: Unavailable: it cannot be opened.
     """
@@ -50,10 +50,10 @@ class ChainFile:
             if not self.found:
                 self._compare()
         except OSError as error:
-            raise Unavailable(f"cannot open {path}: {error.strerror}", "a folder that is yours") from error
+            raise Unavailable(f"cannot open {path}: {error.strerror}", "use a folder that you can write to") from error
 
     def append(self, words: dict[str, Any]) -> bool:
-        """Add a line; return whether it is in the file now. One that is not leaves no trace."""
+        """Add a line; return whether it was written. A line that was not written leaves no trace."""
         top, line = chained(words, self._top)
         try:
             if len(line) > LINE_BYTES:
@@ -62,18 +62,18 @@ class ChainFile:
                 raise OSError(0, "no room")
         except OSError as error:
             if not self._troubled:
-                log.error("%s: %s; lines are left out", self._path, error.strerror)  # noqa: TRY400
+                log.error("%s: %s; lines are being dropped", self._path, error.strerror)  # noqa: TRY400
             self._troubled = True
             with contextlib.suppress(OSError):
-                os.ftruncate(self._file, self._size)  # a part of it may be there
+                os.ftruncate(self._file, self._size)  # remove a partial line
             return False
         self._size, self._top, self._troubled = self._size + len(line), top, False
-        with contextlib.suppress(OSError):  # a mark that is behind is no fault
+        with contextlib.suppress(OSError):  # an outdated mark is harmless
             os.pwrite(self._mark, MARK.format(size=self._size, top=top).encode(), 0)
         return True
 
     def sync(self) -> None:
-        """Return when all lines are on disk; a disk that fails is told by the next line."""
+        """Flush all lines to disk; errors are logged."""
         try:
             os.fdatasync(self._file)
             os.fdatasync(self._mark)
@@ -89,47 +89,47 @@ class ChainFile:
         aside = self._path.with_name(f"{self._path.stem}-{time.time_ns()}{self._path.suffix}")
         self._path.rename(aside)
         os.close(self._file)
-        log.warning("%s %s: it is %s now, and a new one begins", self._path, why, aside.name)
+        log.warning("%s %s: renamed to %s, and a new file is started", self._path, why, aside.name)
         self._file, self._size, self._top = _open(self._path, os.O_APPEND), 0, FIRST
         self.found = "moved_aside", {"file": aside.name}
 
     def _compare(self) -> None:
-        """Look for the line that the mark tells of."""
+        """Check that the file contains the line whose hash the mark has."""
         mark = read_mark(self._path)
         if mark is None:
             return
         size, top = mark
         line = os.pread(self._file, TAIL_BYTES, max(0, size - TAIL_BYTES))[: min(size, TAIL_BYTES)]
         if not line.endswith(f'"{CHAIN}":"{top}"}}\n'.encode()):
-            log.warning("%s was cut off or changed, or a power cut took its end: its next line says so", self._path)
+            log.warning("%s: the end is missing or changed, perhaps by a power cut: the next line notes it", self._path)
             self.found = "cut_off", {"top": top}
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of a file, checked one by one. Raises: UsageError: one was changed, or taken out."""
+    """Yield the lines of a file, each checked. Raises: UsageError: a line was changed or removed."""
     top = FIRST
     try:
         with path.open("rb") as file:
             for number, line in enumerate(iter(lambda: file.readline(TAIL_BYTES), b""), 1):
                 words = _words(line)
                 if words is None:
-                    raise UsageError(f"{path}: line {number} is cut off, or no line of a trail", "restore it")
+                    raise UsageError(f"{path}: line {number} is incomplete, or not a line of a trail", "restore it")
                 top, expected = chained({k: v for k, v in words.items() if k != CHAIN}, top)
                 if line != expected:
-                    hint = "it was changed, or one before it was taken out"
-                    raise UsageError(f"{path}: line {number} does not follow from those before it", hint)
+                    hint = "this line was changed, or one before it was removed"
+                    raise UsageError(f"{path}: line {number} does not match the lines before it", hint)
                 yield words
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}", "phalanx up --state FOLDER writes it") from error
 
 
 def mark_of(path: Path) -> Path:
-    """Return where the hash of a file's last line is."""
+    """Return the path of the mark file."""
     return path.with_suffix(".top")
 
 
 def read_mark(path: Path) -> tuple[int, str] | None:
-    """Return the size of a file and the hash of its last line, as its writer left them; None: it left none."""
+    """Return the stored size of a file and the hash of its last line, or None without a valid mark."""
     try:
         with mark_of(path).open("rb") as file:
             words = json.loads(file.read(LINE_BYTES))
@@ -140,12 +140,12 @@ def read_mark(path: Path) -> tuple[int, str] | None:
 
 
 def as_line(words: dict[str, Any]) -> str:
-    """Return words as they stand in the file."""
+    """Return a line's fields as canonical JSON."""
     return json.dumps(words, ensure_ascii=True, separators=(",", ":"))
 
 
 def chained(words: dict[str, Any], before: str) -> tuple[str, bytes]:
-    """Return a line's hash, and the line: canonical JSON, with the hash of the line before and itself."""
+    """Return a line's hash and the line: canonical JSON with the hash, which includes that of the previous line."""
     content = as_line(words)
     top = hashlib.sha256(f"{before}\n{content}".encode()).hexdigest()
     return top, f'{content[:-1]},"{CHAIN}":"{top}"}}\n'.encode()
@@ -164,9 +164,9 @@ def _words(line: bytes) -> dict[str, Any] | None:
 
 
 def _last(file: int) -> tuple[int, str]:
-    """Return the size of what is whole, and the hash of its last line.
+    """Return the size of all complete lines and the hash of the last one.
 
-    What a power cut left of a line after it is cut off. Raises: ValueError: the last line is none.
+    Truncate a partial line, as a power cut leaves it. Raises: ValueError: the last line is malformed.
     """
     size = os.fstat(file).st_size
     tail = os.pread(file, TAIL_BYTES, max(0, size - TAIL_BYTES))
@@ -176,7 +176,7 @@ def _last(file: int) -> tuple[int, str]:
     words = _words(tail[tail.rfind(b"\n", 0, max(0, whole - 1)) + 1 : whole])
     top = words.get(CHAIN) if words else None
     if not isinstance(top, str) or len(top) != len(FIRST):
-        raise ValueError("has a last line that is none of a trail")
+        raise ValueError("has a malformed last line")
     size -= len(tail) - whole
     os.ftruncate(file, size)
     return size, top

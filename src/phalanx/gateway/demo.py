@@ -1,4 +1,4 @@
-"""The simulated swarm that `phalanx up` runs: robots that audit each other, as far as their number allows."""
+"""The simulated swarm of `phalanx up`: robots audit each other if there are enough of them."""
 
 from __future__ import annotations
 
@@ -17,53 +17,55 @@ from phalanx.world.swarms.protected import MOST_ROBOTS, ProtectedSwarm, SwarmKey
 from phalanx.world.swarms.work import ON_WHEELS, check_work
 
 DEFAULT_F_MAX = 3
-IDLE, WAIT = "patrol", "none"  # what robots do that nobody drives, if nothing else is asked for; and standing still
+IDLE, WAIT = "patrol", "none"  # default task of robots that nobody drives; and no task
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A swarm that can be: so many robots, so protected."""
+    """A valid configuration of a simulated swarm: robots and protection."""
 
     robots: int
     defence: str
     f_max: int
-    note: str  # what people should know about its protection; "" if it is as they asked
-    protocol: str = ""  # the work of robots that nobody drives
+    note: str  # deviation from the requested protection; "" if none
+    protocol: str = ""  # task of robots that nobody drives
 
 
 def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Plan:
-    """Return the protection that so many robots can have.
+    """Return the strongest protection possible for a number of robots.
 
-    Without `defence` it is the best. Without `f_max` it is 3, or the largest for which P2 holds in so small a swarm.
-    A swarm of one robot too few for P2 is protected all the same, with a note.
-    Raises: UsageError: not what was asked for. Source: docs/promises.md (P2).
+    Without `defence` use hardened if possible. Without `f_max` use 3, or the largest value for which P2 holds. A swarm
+    with one robot too few for P2 is protected anyway, with a note.
+    Raises: UsageError: the request cannot be met. Source: docs/promises.md (P2).
     """
     if defence == "none":
         return Plan(robots, defence, f_max or DEFAULT_F_MAX, "")
-    largest = max(1, (robots - 3) // 2)  # for which P2 holds: see BtiConfig.least_robots
+    largest = max(1, (robots - 3) // 2)  # for which P2 holds (BtiConfig.least_robots)
     f = f_max or min(DEFAULT_F_MAX, largest)
     if fewest_robots(f) <= robots <= MOST_ROBOTS:
         chosen = [f"with {robots} robots f_max is {f}"] if (f_max or DEFAULT_F_MAX) > f else []
         if robots < BtiConfig(f_max=f).least_robots:
-            chosen.append(f"if {f} of {robots} robots lie, they may have others stopped: P2 takes {robots + 1} robots")
+            cause = f"{f} compromised of {robots} robots can cause others to be stopped"
+            chosen.append(f"{cause}: P2 needs {robots + 1} robots")
         return Plan(robots, defence or "hardened", f, "; ".join(chosen))
     if robots > MOST_ROBOTS:
-        trouble, hint = f"{robots} robots in one radio range cannot audit each other in time", f"at most {MOST_ROBOTS}"
+        trouble = f"{robots} robots in one radio range cannot audit each other in time"
+        hint = f"use at most {MOST_ROBOTS}"
     elif robots < fewest_robots(1):
         trouble = f"{robots} robots are too few to audit each other"
-        hint = f"at least {BtiConfig(f_max=1).least_robots}"
+        hint = f"use at least {BtiConfig(f_max=1).least_robots}"
     else:
-        trouble = f"{robots} robots cannot do without {f} of them and still audit each other"
-        hint = f"at least {BtiConfig(f_max=f).least_robots}, or --f-max {largest}"
+        trouble = f"{robots} robots are too few to audit each other with f_max {f}"
+        hint = f"use at least {BtiConfig(f_max=f).least_robots}, or --f-max {largest}"
     if defence or f_max:
         raise UsageError(trouble, f"{hint}; or --defence none")
     return Plan(robots, "none", DEFAULT_F_MAX, f"{trouble}: they run unprotected")
 
 
 def plan_swarm(robots: int, defence: str | None, f_max: int | None, protocol: str = "") -> Plan:
-    """Return what is asked for; without a protocol, robots patrol as far as that can be.
+    """Return the plan of a requested swarm; without a protocol, robots patrol if possible.
 
-    Raises: UsageError: there can be no such swarm; no wheels do that.
+    Raises: UsageError: no such swarm is possible, or the protocol is not for robots on wheels.
     """
     plan = choose_protection(robots, defence, f_max)
     if not protocol and plan.defence != "none" and robots <= ON_WHEELS[IDLE][1]:
@@ -73,16 +75,16 @@ def plan_swarm(robots: int, defence: str | None, f_max: int | None, protocol: st
     if protocol:
         check_work(protocol, robots)
         if plan.defence == "none":
-            raise UsageError(f"{protocol}, and robots that do not audit each other", "leave one out")
+            raise UsageError(f"--scenario {protocol} without audits", "leave one out: the task needs audits")
     if not 1 <= robots <= MAX_ROBOTS:
-        raise UsageError(f"a swarm of {robots} robots", f"1 to {MAX_ROBOTS}")
+        raise UsageError(f"a swarm of {robots} robots", f"use 1 to {MAX_ROBOTS}")
     return replace(plan, protocol=protocol)
 
 
 def simulated_swarm(
     plan: Plan, seed: int, talk: Callable[[str], None], keys: SwarmKeys | None = None
 ) -> Dotbots | ProtectedSwarm:
-    """Return the simulated robots of a plan. `talk` gets a line of what people should know about them."""
+    """Return the simulated robots of a plan. `talk` receives the plan's note."""
     if plan.note:
         talk(plan.note)
     if plan.defence == "none":
@@ -109,10 +111,10 @@ def mission_swarm(
     f_max: int | None,
     talk: Callable[[str], None],
 ) -> Iterator[MissionSwarm]:
-    """Yield simulated robots that live missions. Raises: UsageError: too many, or no walls or start in the building."""
+    """Yield simulated robots for missions. Raises: UsageError: too many, or no walls or start in the building."""
     protection = choose_protection(robots, defence, f_max)
     if orders is not None:
-        orders.run(robots=robots, defence=protection.defence, f_max=protection.f_max)  # refuses, if they cannot
+        orders.run(robots=robots, defence=protection.defence, f_max=protection.f_max)  # raises if impossible
     if protection.note:
         talk(protection.note)
     if protection.defence == "none":

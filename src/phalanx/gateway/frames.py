@@ -1,7 +1,7 @@
-"""Frames: everything that happened in one tick, for all robots at once (docs/spec/vocabulary.md).
+"""State updates: all changes of one tick, for all robots at once (docs/spec/vocabulary.md).
 
-A frame has at most 2 KiB for a hundred robots and 16 KiB for a thousand, with padding; what has no room waits for a
-later one.
+With padding, an update has at most 2 KiB for a hundred robots and 16 KiB for a thousand. Changes that do not fit wait
+for a later update.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from .shields import MOST_AUDITS
 from .vocabulary import Notice, tell_robot
 
 FULL_EVERY_S = 1.0
-FRAME_BYTES = 60  # of a frame without its lists
-# Of a tick as JSON, for every so many robots. Half of it is places, if all robots move.
+FRAME_BYTES = 60  # of an update without its lists
+# Length of an update as JSON, per UNIT_ROBOTS robots. If all robots move, half of it is places.
 UNIT_BYTES, UNIT_ROBOTS = 2048, 125
-CHANGES_BYTES = 900  # of a unit: what places leave to all else, if there is so much of it
-# Of these lists the newest element of a robot counts, and of those the newest of all.
+CHANGES_BYTES = 900  # per unit, reserved for changes other than places
+# Lists of which only the newest item of each robot is sent, and those of which only the newest item is sent.
 BY_ROBOT = frozenset({"shields", "walks", "drivers"})
 NEWEST = frozenset({"mission", "work", "things"})
 
 
 def tick_bytes(robots: int) -> int:
-    """Return the longest JSON of a tick: its update, padded, has 2 KiB for each 125 robots."""
+    """Return the longest JSON of an update: padded, it has 2 KiB for each 125 robots."""
     return UNIT_BYTES * _units(robots) - PADDED.size
 
 
@@ -44,7 +44,7 @@ def _units(robots: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The frame of one tick, and what readers of published words need."""
+    """The update of one tick, and the changes that published clients need."""
 
     frame: dict[str, Any]
     joined: tuple[Robot, ...]
@@ -53,27 +53,27 @@ class Tick:
 
 
 class Frames:
-    """Compares the swarm with what visitors know, and numbers its robots."""
+    """Compares the swarm with what visitors were sent, and numbers its robots."""
 
     def __init__(self) -> None:
         self._ticks = 0
         self._numbers: dict[str, int] = {}
         self._next_number = 0
-        # What visitors know of robots, and what is so now.
+        # The state that visitors have, and the current state.
         self._known: dict[str, Slow] = {}
         self._now: dict[str, tuple[Robot, Slow]] = {}
         self._now_s = 0.0
         self._with_trail: set[str] = set()
-        self._cleared: set[str] = set()  # trails, of which visitors do not know
+        self._cleared: set[str] = set()  # robots whose cleared trail is not sent yet
         self._outbox = Outbox()
         self._events = count()
         self._mission: Any = None
-        self._rows = np.zeros((0, 4), np.int64)  # places that visitors know
-        self._next_place = 0  # number of the robot whose place has waited longest
+        self._rows = np.zeros((0, 4), np.int64)  # places that visitors have
+        self._next_place = 0  # number of the robot whose place is next in turn
         self._full_at_s: float | None = None
 
     def number(self, address: str) -> int:
-        """What frames call this robot: shorter than its address, and told with it in every list of robots."""
+        """Return a robot's number in updates: shorter than its address, and in every list of robots."""
         number = self._numbers.get(address)
         if number is None:
             number = self._numbers[address] = self._next_number
@@ -89,10 +89,10 @@ class Frames:
         *,
         held: bool = False,
     ) -> Tick:
-        """Return the frame of this tick: there is one also without news, as gaps would tell who stands.
+        """Return the update of this tick, also without changes: gaps would reveal which robots stand still.
 
-        Of `uptime_s`, which is monotonic, every robot's place comes once in `FULL_EVERY_S`; `more` are further lists to
-        be told, by their names. `held` robots stand still by the operator's word: every frame says so.
+        Every robot's place is sent once in `FULL_EVERY_S` of `uptime_s`, which is monotonic. `more` has further lists
+        by name. `held`: the operator has stopped all robots, which every update repeats.
         """
         full = self._full_at_s is None or uptime_s - self._full_at_s >= FULL_EVERY_S
         rows, before = self._rows_of(robots), self._rows[:0] if full else self._rows
@@ -103,7 +103,7 @@ class Frames:
         whole: dict[str, Any] = dict(batch.lists)
         if places:
             whole["places"] = [some.told() for some in places]
-        # Last: what cannot be told now, because a driver says nonsense, is still to be told at the next tick.
+        # Last: if an invalid value of a driver raises above, nothing is marked as sent.
         known = before[np.isin(before[:, 0], rows[:, 0]) & ~np.isin(before[:, 0], sent[:, 0])]
         self._rows = _by_number(np.concatenate([known, sent]))
         joined = tuple(self._now[each["address"]][0] for each in batch.lists.get("joined", ()))
@@ -116,15 +116,15 @@ class Frames:
         return Tick({"cmd": int(Notice.FRAME), "data": data}, joined, tuple(whole.get("left", ())), changed)
 
     def _look(self, robots: Sequence[Robot], now_s: float) -> None:
-        """Put into the outbox what of robots visitors do not know."""
+        """Put changes of robots that visitors lack into the outbox."""
         known, with_trail = self._known, {robot.address for robot in robots if robot.history}
         self._now_s = now_s
         self._now = {robot.address: (robot, slow_of(robot, now_s, known.get(robot.address))) for robot in robots}
-        if self._full_at_s is None:  # nobody was told of anything: who comes asks for the list
+        if self._full_at_s is None:  # the first update: visitors request the list of robots
             self._known = {address: slow for address, (_, slow) in self._now.items()}
         self._cleared |= (self._with_trail - with_trail) & self._known.keys() & self._now.keys()
         self._with_trail = with_trail
-        # In the order of the robots, so that nobody's turn depends on chance.
+        # In the order of the robots, so that the order is deterministic.
         for address, (_, slow) in self._now.items():
             before = self._known.get(address)
             if before is None or address in self._cleared or not (before is slow or before.is_but_for_route(slow)):
@@ -142,12 +142,12 @@ class Frames:
         self._outbox.put(("route", address), lambda: self._route_news(address))
 
     def _robot_news(self, address: str) -> Iterable[Entry]:
-        """Return that a robot came or left, or what changed of it: as it is when it is sent."""
+        """Return an entry if a robot joined, left or changed, with its state at the time of sending."""
         before, now = self._known.get(address), self._now.get(address)
         if now is None:
             return (Entry("left", address, lambda: self._forget(address)),) if before else ()
         robot, slow = now
-        if before is None:  # a route comes by itself: it may be longer than all else
+        if before is None:  # the route is sent separately, as it can be long
             joined = tell_robot(robot._replace(route=()), self._now_s, 0) | {"n": self.number(address)}
             return (Entry("joined", joined, lambda: self._learn(address, slow._replace(route=()))),)
         told = slow._replace(route=before.route)
@@ -180,7 +180,7 @@ class Frames:
         self._cleared.discard(address)
 
     def _add(self, more: Mapping[str, Sequence[Any]]) -> None:
-        """Put further lists into the outbox. Raises: ValueError, TypeError: one is not JSON; it is left out."""
+        """Put further lists into the outbox. Raises: ValueError, TypeError: an item is not JSON; it is left out."""
         for name, items in more.items():
             for item in items:
                 if name == "mission" and item[:1] != self._mission:
@@ -194,20 +194,20 @@ class Frames:
         if name in NEWEST:
             return (name,)
         event = next(self._events)
-        # Audits without end: those that waited too long give way.
+        # The number of waiting audits is limited: new ones replace the oldest.
         return name, event % MOST_AUDITS if name == "audits" else event
 
     def _within(
         self, limit_bytes: int, moved: NDArray[np.int64], units: int
     ) -> tuple[Batch, NDArray[np.int64], list[Places]]:
-        """Return what fits: of the outbox, and the places that are sent, as rows and packed.
+        """Return the changes from the outbox and the places that fit, the latter as rows and packed.
 
-        Each has what the other does not need. Beyond that, places are left with all but `CHANGES_BYTES` of a unit.
+        Each side can use the space that the other leaves. If both need more, places leave `CHANGES_BYTES` per unit.
         """
         places = in_places(moved)
         wanted = sum(some.chars for some in places) + len("places") + KEY_BYTES
         batch = self._outbox.next(limit_bytes - min(wanted, limit_bytes - CHANGES_BYTES * units))
-        # Of a robot that visitors do not know no place is sent: they would ask for the whole list.
+        # No places of robots that visitors do not know: they would request the whole list.
         joined = {each["n"] for each in batch.lists.get("joined", ())}
         unknown = {self._numbers[address] for address in self._now if address not in self._known} - joined
         if unknown:
@@ -220,7 +220,7 @@ class Frames:
         return batch, moved, places
 
     def _in_turn(self, moved: NDArray[np.int64], limit_bytes: int) -> NDArray[np.int64]:
-        """Return as many rows as fit, by number, from those that waited longest."""
+        """Return as many rows as fit, sorted by number, starting with those that waited longest."""
         first = int(np.searchsorted(moved[:, 0], self._next_place))
         turns = np.roll(moved, -first, axis=0)
         fits, too_many = 0, len(turns) + 1
@@ -233,16 +233,16 @@ class Frames:
         return _by_number(turns[:fits])
 
     def _rows_of(self, robots: Sequence[Robot]) -> NDArray[np.int64]:
-        """Number, x, y (mm) and direction (degrees) of each robot, by number: (robots, 4)."""
-        said = [(self.number(r.address), r.at.x_mm, r.at.y_mm, r.direction_deg) for r in robots]
-        exact = np.array(said, np.float64).reshape(-1, 4)
-        # A driver that knows no place says NaN: that robot stays where it was last, and the others are told.
+        """Return number, x, y (mm) and direction (degrees) of each robot, sorted by number: (robots, 4)."""
+        rows_now = [(self.number(r.address), r.at.x_mm, r.at.y_mm, r.direction_deg) for r in robots]
+        exact = np.array(rows_now, np.float64).reshape(-1, 4)
+        # NaN from a driver means an unknown place: that robot keeps its last one.
         rows = np.rint(exact[(np.abs(exact) < NOWHERE).all(axis=1)]).astype(np.int64)
         return _by_number(rows)
 
 
 def _differ(rows: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which rows are not among those of `before`; both by number."""
+    """Return which rows are not in `before`; both are sorted by number."""
     if not len(before):
         return np.ones(len(rows), np.bool_)
     beside = np.minimum(np.searchsorted(before[:, 0], rows[:, 0]), len(before) - 1)

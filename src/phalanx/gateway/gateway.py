@@ -1,4 +1,4 @@
-"""The gateway: commands from the link to the swarm, and the swarm's state back to every visitor."""
+"""The gateway: passes commands from links to the swarm, and the swarm's state to every visitor."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from .vocabulary import Notice
 log = logging.getLogger(__name__)
 
 TICK_S = 0.1
-# Published pages get one robot per notification: at most so many a tick, in turn. Their hook holds one message
-# and drops what comes within milliseconds of another (seen: 50 at once, 3 delivered; 5 ms apart, all).
+# Published pages receive one robot per notification, at most this many per tick, in turn. They drop messages that
+# arrive within milliseconds of each other (measured: 50 at once, 3 delivered; 5 ms apart, all).
 UPDATES_PER_TICK = 2
 APART_S = 0.01
 RELOAD_EVERY_S = 120.0
@@ -40,11 +40,11 @@ LATE_S = 1.0
 
 
 class Gateway:
-    """Serves one swarm over links, on which handlers are registered here.
+    """Serves one swarm over links, to which it adds its handlers.
 
     Args:
-        say: gets events of shields and missions.
-        is_driven: returns whether a session's visitor has a robot: who is nobody's visitor must not command it.
+        say: receives events of shields and missions.
+        is_driven: returns whether a visitor with a session has the robot: others must not command it.
         drivers: returns the names of those visitors, by robot.
     """
 
@@ -91,8 +91,8 @@ class Gateway:
             link.on_request(vocabulary.REQUEST_LIT)(lambda _: self._shared("lit", missions.lit))
 
     def watch(self, tell: Callable[[dict[str, Any]], None]) -> Callable[[], None]:
-        """Call `tell` with the swarm as it is, and with every state update from then on; the result ends it."""
-        # In the words in which visitors are answered.
+        """Call `tell` with the current state of the swarm, then with every update; call the result to unsubscribe."""
+        # In the form of answers to visitors.
         answers: dict[int, Any] = {vocabulary.REQUEST_AREA: self._area(), vocabulary.REQUEST_ROBOTS: self._list()}
         if self.missions:
             answers |= {vocabulary.REQUEST_WALLS: self.missions.walls(), vocabulary.REQUEST_LIT: self.missions.lit()}
@@ -102,7 +102,7 @@ class Gateway:
         return lambda: self._watchers.remove(tell)
 
     async def run(self) -> None:
-        """Tell visitors what happens, and have robots stopped that nobody drives any longer, until cancelled."""
+        """Send updates to visitors, and stop robots whose driver is silent, until cancelled."""
         with self.brakes:
             await self._tell()
 
@@ -111,7 +111,7 @@ class Gateway:
             if command.topic.application != vocabulary.APPLICATION:
                 raise Unknown(f"no application {command.topic.application}")
             address = command.address.upper()
-            # Sessions have asked who drives. The shared code says nobody's name, and has no lease of its own.
+            # Sessions check their visitors themselves. Visitors with the shared code are anonymous and have no robot.
             if command.by is None and self._is_driven(address):
                 raise Busy("a visitor of a session drives this robot")
             if command.by is not None:
@@ -125,19 +125,19 @@ class Gateway:
 
     def _move_raw(self, address: str, command: Command) -> None:
         move = vocabulary.parse_move_raw(command.payload)
-        if not (move.left_pct or move.right_pct):  # that a visitor let go is never too late to be heard
+        if not (move.left_pct or move.right_pct):  # a stop is never too late
             self.brakes.drive(address, 0, 0)
             return
         self._refuse_late(command)
-        # The 300 ms count from when the command came, not from when we got round to it: under a flood it may have
-        # waited here while its visitor let go.
+        # The 300 ms start when the command arrived, not when it is handled: under load it may have waited here
+        # while the visitor let go.
         if command.waited_s > EXPIRES_S:
             raise Late(f"waited {command.waited_s:.1f} s")
         self.brakes.drive(address, move.left_pct, move.right_pct)
         self.drivers.drives(address, command.by or "", time.monotonic())
 
     def _refuse_late(self, command: Command) -> None:
-        """Whatever held it back: a broker that was paused obeys nobody's old words. Raises: Late."""
+        """Refuse a delayed command, as from a broker that was paused. Raises: Late."""
         if command.waited_s > LATE_S:
             raise Late(f"waited {command.waited_s:.1f} s")
 
@@ -156,9 +156,9 @@ class Gateway:
             self._routes_by_code.add(address)
 
     def _end_route_by_code(self, address: str) -> None:
-        """End what the shared code had a robot follow: somebody has it now. Raises: what a driver raises."""
+        """End the route that a visitor with the shared code sent: another visitor has the robot now."""
         if address in self._routes_by_code:
-            self.brakes.drive(address, 0, 0)  # not a stop, which a swarm may carry out after the command that follows
+            self.brakes.drive(address, 0, 0)  # not `stop`, which could take effect after the next command
             self._routes_by_code.discard(address)
 
     def _clear_history(self, address: str, command: Command) -> None:
@@ -171,7 +171,7 @@ class Gateway:
         return self._shared("robots", self._list)
 
     def _shared(self, what: str, make: Callable[[], Any]) -> SharedAnswer:
-        # Whoever asks thousands of times shall not make us build thousands of lists: the stop of a joystick waits too.
+        # Many requests must not build many lists: the stop of a joystick would wait for them.
         made_at_s, told = self._lately.get(what, (-LIST_FOR_S, SharedAnswer(None)))
         if time.monotonic() - made_at_s >= LIST_FOR_S:
             told = SharedAnswer(make())
@@ -183,9 +183,9 @@ class Gateway:
 
     def _list(self) -> list[dict[str, Any]]:
         robots, now_s = self.swarm.robots(), time.time()
-        # What has been driven before somebody came is worth a line on the map, not a megabyte in a large swarm.
+        # The trails are limited: in a large swarm they would be a megabyte.
         trail = min(TRAIL_POINTS, TRAIL_POINTS_IN_ALL // max(1, len(robots)))
-        # Nor are the routes of many: with 64 points each they were nine tenths of the answer.
+        # So are the routes: with 64 points each they were nine tenths of the answer.
         with_routes = sum(len(robot.route) for robot in robots) <= ROUTE_POINTS_IN_ALL
         shields = self.shields.in_list(self._frames.number) if self.shields else {}
         walks = self.missions.in_list() if self.missions else {}
@@ -216,11 +216,11 @@ class Gateway:
 
     @property
     def unprotected(self) -> str:
-        """Why its robots do not audit each other, for people who may expect it; or ""."""
+        """Return why the robots do not audit each other, if visitors may expect it; or ""."""
         return "" if self.shields else str(getattr(self.swarm, "unprotected", ""))
 
     def _is_published(self, request: Request) -> bool:
-        """Return whether a client of mode qrkey asks, and note that it is there."""
+        """Return whether a client of mode qrkey sent the request, and note that it is active."""
         if request.client_id:
             self.visitors.asked(request.client_id, time.monotonic())
         return bool(request.client_id)
@@ -231,14 +231,14 @@ class Gateway:
             try:
                 await self._tell_tick()
             except Exception as error:
-                log.exception("cannot tell what the swarm does (%s); trying again", type(error).__name__)
+                log.exception("sending the swarm's state failed (%s), retrying", type(error).__name__)
                 await asyncio.sleep(1)
-            # A tick that came late is not made up for: visitors want the newest state, not every state.
+            # Late ticks are skipped: visitors need the newest state, not every state.
             due_s = max(due_s + TICK_S, time.monotonic())
             await asyncio.sleep(due_s - time.monotonic())
 
     async def _tell_tick(self) -> None:
-        # A list that was made before this tick must not be handed out after its frames.
+        # A cached list from before this tick must not be sent after its update.
         self._lately.clear()
         robots = self.swarm.robots()
         watches = [watch for watch in (self.shields, self.missions, self.work, self.drivers) if watch]
@@ -257,7 +257,7 @@ class Gateway:
         for robot in tick.joined:
             await self._tell_one(Notice.NEW_ROBOT, vocabulary.tell_robot(robot, now_s, 0))
         stale_s = uptime_s - self._reloaded_at_s
-        # A reload makes every page ask for everything; once a second is the most they should.
+        # A reload makes every page request everything, so at most one a second.
         if stale_s >= RELOAD_EVERY_S or ((tick.changed or tick.left) and stale_s >= 1):
             self._reloaded_at_s = uptime_s
             await self._tell_one(Notice.RELOAD)
@@ -275,5 +275,5 @@ class Gateway:
         try:
             await link.notify(payload)
         except UsageError as error:
-            # A swarm that tells something unspeakable must not silence all the others.
-            log.error("not told: %s", error)  # noqa: TRY400  # the trace says nothing more
+            # One invalid update must not end the updates that follow.
+            log.error("update not sent: %s", error)  # noqa: TRY400  # the traceback adds nothing

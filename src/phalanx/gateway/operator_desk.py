@@ -1,7 +1,7 @@
-"""What operators do with visitors: on the operator's page, from a terminal, or as visitors with an operator's ticket.
+"""Operators' requests about visitors: from the operator's page, a terminal, or a visitor with an operator's ticket.
 
-Every function is a request with an object for payload and answer (docs/spec/vocabulary.md#over-a-session), and leaves a
-line in the trail. The caller has checked that an operator asks.
+Every request has an object as payload and answer (docs/spec/vocabulary.md#over-a-session), and is recorded in the
+trail. The caller has checked that an operator sent it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from .brakes import Brakes
 from .payloads import check_words
 from .session_link import SessionLink, now
 
-PAGE = 0  # who does it: a terminal of this machine
-VALID_S = 7 * 24 * 3600  # a ticket, if it does not say for how long
+PAGE = 0  # id of an operator without a session: the page or a terminal on this machine
+VALID_S = 7 * 24 * 3600  # default validity of a ticket
 VALID_MOST_S = 366 * 24 * 3600
 USES_MOST = 1000
 ROLES = {role.name.lower(): role for role in Role}
@@ -35,7 +35,7 @@ Slow = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
 def refuse_revival(_: str) -> None:
-    """Refuse to revive a robot that nobody stops. Raises: Unknown."""
+    """Refuse to revive a robot of a swarm without audits. Raises: Unknown."""
     raise Unknown("these robots do not audit each other: none is stopped")
 
 
@@ -43,13 +43,13 @@ class OperatorDesk:
     """Answers operators' requests.
 
     Attributes:
-        acts: requests that are answered at once, by name; others may add theirs.
-        slow: those that take their time, and leave no line in the trail.
+        acts: handlers of requests that are answered at once, by name; other modules add theirs.
+        slow: handlers of slow requests, which are not recorded in the trail.
 
     Args:
-        page_url: where visitors find the page.
+        page_url: address of the visitors' page.
         hold: stops all robots, or lets them move again.
-        revive: has a stopped robot begin anew.
+        revive: restarts a stopped robot.
     """
 
     def __init__(
@@ -95,12 +95,12 @@ class OperatorDesk:
         return act(check_words(words), by) or {}
 
     async def ask(self, request: str, words: Any) -> dict[str, Any]:
-        """Answer a request of a terminal. Raises: as `do`, and what those raise that take their time."""
+        """Answer a request from a terminal. Raises: as `do`, and errors of slow requests."""
         slow = self.slow.get(request)
         return await slow(check_words(words)) if slow else self.do(request, words)
 
     def operate(self, request: str, words: dict[str, Any], by: int) -> dict[str, Any] | Awaitable[dict[str, Any]]:
-        """Answer a visitor's request, as `SessionLink` asks. Raises: PeerError, whatever is wrong with it."""
+        """Answer a visitor's request, for `SessionLink`. Raises: PeerError: any error."""
         if slow := self.slow.get(request):
             return slow(words)
         try:
@@ -110,7 +110,7 @@ class OperatorDesk:
 
     @property
     def code_url(self) -> str:
-        """Return the URL of the open code that is valid now."""
+        """Return the URL of the current open code."""
         return self._page_url + "#" + self._link.invitation.fragment()
 
     def qr_svg(self, url: str) -> str:
@@ -120,7 +120,7 @@ class OperatorDesk:
         return self._qr[1]
 
     def visitors(self) -> list[dict[str, Any]]:
-        """Return all who may resume: those who are here first."""
+        """Return all visitors who can resume, connected ones first."""
         server, now_ms = self._link.server, now().ms
         told = []
         for each in server.visitors:
@@ -150,7 +150,7 @@ class OperatorDesk:
     def _remove(self, words: dict[str, Any], by: int) -> None:
         visitor = self._visitor(words)
         driven = self._driven({visitor})
-        events = self._link.operations.remove(visitor, now())  # on disk now
+        events = self._link.operations.remove(visitor, now())  # stored on return
         self._link.trail.write("removed", visitor=visitor, by=by, durable=True)
         self._link.carry(events)
         self._stop_robots(driven)
@@ -236,7 +236,7 @@ class OperatorDesk:
         role, name = _role(words), words.get("name", "")
         uses, valid_s = _number(words, "uses", 1, USES_MOST, 1), _number(words, "valid_s", 1, VALID_MOST_S, VALID_S)
         if not isinstance(name, str) or clean_nickname(name) != name:
-            raise BadPayload(f"'name' has at most {NICKNAME_CHARACTERS} characters, all of which are seen")
+            raise BadPayload(f"'name' has at most {NICKNAME_CHARACTERS} characters, all of them visible")
         robots = words.get("robots", [])
         if not isinstance(robots, list):
             raise BadPayload("'robots' is a list")
@@ -254,7 +254,7 @@ class OperatorDesk:
         self._hold(held)
         self._link.trail.write("stopped_all" if held else "released_all", by=by)
 
-    # --- words -------------------------------------------------------------------------------------------------------
+    # --- fields -------------------------------------------------------------------------------------------------------
 
     def _visitor(self, words: dict[str, Any]) -> int:
         visitor = _number(words, "visitor", 1, (1 << 32) - 1)
@@ -262,17 +262,17 @@ class OperatorDesk:
             raise Unknown(f"no visitor {visitor}")
         return visitor
 
-    def _robot(self, called: Any) -> str:
-        """Return the address of a robot, from its address or its name."""
-        if not isinstance(called, str):
-            raise BadPayload("a robot is a text")
+    def _robot(self, name_or_address: Any) -> str:
+        """Return a robot's address, given its address or name."""
+        if not isinstance(name_or_address, str):
+            raise BadPayload("a robot is a string")
         robots = self._swarm.robots()
         for robot in robots:
-            if robot.address == called.upper():
+            if robot.address == name_or_address.upper():
                 return robot.address
-        found = [robot.address for robot in robots if robot.name.casefold() == called.casefold()]
+        found = [robot.address for robot in robots if robot.name.casefold() == name_or_address.casefold()]
         if len(found) != 1:
-            raise Unknown(f"{'no robot' if not found else f'{len(found)} robots'} {called[:64]!r}")
+            raise Unknown(f"{'no robot' if not found else f'{len(found)} robots'} {name_or_address[:64]!r}")
         return found[0]
 
     def _driven(self, visitors: set[int]) -> list[str]:
@@ -283,7 +283,7 @@ class OperatorDesk:
         ]
 
     def _stop_robots(self, robots: list[str]) -> None:
-        # A route goes on without its visitor.
+        # A robot would continue its route without the visitor.
         for robot in robots:
             try:
                 self._brakes.stop(robot)

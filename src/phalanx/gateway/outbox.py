@@ -1,7 +1,7 @@
-"""Queue what visitors are still to be sent, in turns: an update is short, however much changes at once.
+"""Queue of changes to send to visitors, in turn, so that an update stays short however much changes at once.
 
-An entry waits behind those that were there before it. While it waits, a newer one of its key takes its place, so that
-the queue is no longer than there are robots.
+A newer entry of the same key replaces a waiting one and keeps its position. So the queue is no longer than the number
+of robots.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import Any
 
 from phalanx.link.envelope import encode_json
 
-KEY_BYTES = 6  # of a list besides its name and elements
+KEY_BYTES = 6  # JSON around a list's name and items
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An element of one of a frame's lists.
+    """An item of one of an update's lists.
 
     Attributes:
-        sent: to be called when it was sent.
+        sent: called after the entry was sent.
         size: its length as JSON.
 
     Raises: ValueError, TypeError: it is not JSON.
@@ -36,13 +36,13 @@ class Entry:
 
 
 Key = tuple[Any, ...]
-# Entries when their turn comes; none if there is nothing to send any longer.
+# Called when the key's turn comes; returns no entries if there is nothing left to send.
 Make = Callable[[], Iterable[Entry]]
 
 
 @dataclass(slots=True)
 class Batch:
-    """The part of the queue that fits an update. Attributes: lists: by their names; size: as JSON, at most."""
+    """The entries that fit an update. Attributes: lists: by name; size: as JSON, at most."""
 
     lists: dict[str, list[Any]] = field(default_factory=dict)
     size: int = 0
@@ -50,7 +50,7 @@ class Batch:
     entries: list[Entry] = field(default_factory=list)
 
     def costs(self, entries: Sequence[Entry]) -> int:
-        """Return by how much entries make it longer."""
+        """Return the additional length of these entries."""
         new = {entry.list_name for entry in entries} - self.lists.keys()
         return sum(entry.size for entry in entries) + sum(len(name) + KEY_BYTES for name in new)
 
@@ -64,35 +64,35 @@ class Batch:
 
 
 class Outbox:
-    """Entries by key, the longest waiting first."""
+    """Waiting entries by key, in order of arrival."""
 
     def __init__(self) -> None:
         self._waiting: dict[Key, Make] = {}
 
     def __len__(self) -> int:
-        """Return how many keys wait."""
+        """Return the number of waiting keys."""
         return len(self._waiting)
 
     def put(self, key: Key, make: Make) -> None:
-        """Have what `make` returns sent; a key that waits keeps its place."""
+        """Enqueue the entries that `make` will return; a key that already waits keeps its position."""
         self._waiting[key] = make
 
     def put_item(self, key: Key, list_name: str, item: Any) -> None:
-        """Have an item sent. Raises: ValueError, TypeError: it is not JSON, and nothing waits."""
-        entry = Entry(list_name, item)  # made now: what is not JSON must not stop all that waits behind it
+        """Enqueue an item. Raises: ValueError, TypeError: it is not JSON; nothing is enqueued."""
+        entry = Entry(list_name, item)  # encoded now: an invalid item must not block the queue
         self.put(key, lambda: (entry,))
 
     def forget(self, key: Key) -> None:
-        """Have nothing of a key sent."""
+        """Remove a key from the queue."""
         self._waiting.pop(key, None)
 
     def forget_all(self, list_name: str) -> None:
-        """Have nothing sent whose key begins so."""
+        """Remove all keys whose first part is `list_name`."""
         for key in [key for key in self._waiting if key[0] == list_name]:
             del self._waiting[key]
 
     def next(self, limit_bytes: int) -> Batch:
-        """Return what fits, at least one entry if there is any; it waits until `sent` is called.
+        """Return the entries that fit, at least one if there is any; they stay queued until `sent` is called.
 
         Raises: ValueError, TypeError: an entry is not JSON.
         """
@@ -106,7 +106,7 @@ class Outbox:
         return batch
 
     def sent(self, batch: Batch) -> None:
-        """Note that a batch was sent."""
+        """Remove the entries of a batch from the queue, as they were sent."""
         for key in batch.taken:
             self._waiting.pop(key, None)
         for entry in batch.entries:

@@ -1,4 +1,4 @@
-"""Payloads of sessions' commands and requests: strict JSON of few levels."""
+"""Decode payloads of commands and requests in sessions: strict JSON of limited depth."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ JSON_DEPTH = 8
 
 
 def request_words(payload: bytes) -> dict[str, Any]:
-    """Return a request's words; without a payload there are none. Raises: BadPayload: as `parse_payload`; no object."""
+    """Return a request's object, {} without a payload. Raises: BadPayload: as `parse_payload`; not an object."""
     return check_words(parse_payload(payload) if payload else {})
 
 
 def check_words(words: Any) -> dict[str, Any]:
-    """Return a request's words. Raises: BadPayload: they are no object."""
+    """Return a request's payload if it is an object. Raises: BadPayload."""
     if not isinstance(words, dict):
         raise BadPayload("a request's payload is an object")
     return words
 
 
 def parse_payload(payload: bytes) -> Any:
-    """Return a payload's JSON. Raises: BadPayload: not JSON, a key twice, not finite, or more than eight levels."""
+    """Decode a payload's JSON. Raises: BadPayload: not JSON, duplicate keys, not finite, or over eight levels."""
     value = decode_json(payload)
     level = [value]
     for _ in range(JSON_DEPTH):

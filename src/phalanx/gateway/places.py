@@ -1,4 +1,4 @@
-"""Pack where robots are, in six bytes each, and where they go, in four a point: frames are mostly this.
+"""Pack robots' places into six bytes each, and points of routes into four: they are most of an update.
 
 Source: docs/spec/vocabulary.md#places.
 """
@@ -19,17 +19,17 @@ from phalanx.wire.table import PASS_BY, ROBOT_PLACE, ROUTE_POINT, TURN_DEG
 
 from .vocabulary import MAX_WAYPOINTS
 
-# As JSON: a record's six bytes are eight characters, and this much stands around them.
+# As JSON: a record's six bytes are eight characters; AROUND_CHARS is the overhead of a group.
 RECORD_CHARS = ROBOT_PLACE.size * 4 // 3
 AROUND_CHARS = 56
-# To leave out more takes longer than to begin anew.
+# With more missing numbers, a new group is shorter.
 MOST_LEFT_OUT = PASS_BY * (AROUND_CHARS // RECORD_CHARS)
 FARTHEST = 0xFFFF
-NOWHERE = 1e7  # mm: pages show no robot beyond
+NOWHERE = 1e7  # mm: pages do not show robots beyond
 
 
 class Places:
-    """Places near each other. `rows` are int64 (robots, 4), by number: number, x and y in mm, whole degrees."""
+    """A group of places near each other. `rows` are int64 (robots, 4), by number: number, x, y in mm, whole degrees."""
 
     def __init__(self, rows: NDArray[np.int64]) -> None:
         numbers, at = rows[:, 0], rows[:, 1:3]
@@ -49,13 +49,13 @@ class Places:
         return AROUND_CHARS + RECORD_CHARS * len(self._records)
 
     def told(self) -> list[Any]:
-        """Return it as one of a frame's `places`: `[number, x, y, step, records]`."""
+        """Return the group as an item of an update's `places`: `[number, x, y, step, records]`."""
         records = urlsafe_b64encode(self._records.tobytes()).decode()
         return [self._first, *self._corner.tolist(), self._step_mm, records]
 
 
 def in_places(rows: NDArray[np.int64]) -> list[Places]:
-    """The rows in as few `Places` as tell them well: a robot far from the others does not make their places coarse."""
+    """Return the rows as few groups of good resolution: a distant robot must not make the others' places coarse."""
     if not len(rows):
         return []
     at = rows[:, 1:3]
@@ -70,16 +70,16 @@ def in_places(rows: NDArray[np.int64]) -> list[Places]:
 
 
 def tell_route(number: int, route: Sequence[Point]) -> list[Any]:
-    """Return a robot's route as one of a frame's `routes`: `[number, x, y, step, points]`; points nowhere are left out.
+    """Return a route as an item of an update's `routes`: `[number, x, y, step, points]`, without invalid points.
 
-    The first is where the robot stood; no server takes more points behind it than are told.
+    The first point is where the robot started; no server accepts more points after it than are sent.
     """
     known = (p for p in route if math.isfinite(p.x_mm) and math.isfinite(p.y_mm))
     near = [p for p in known if max(abs(p.x_mm), abs(p.y_mm)) < NOWHERE]
-    told = [(p.x_mm, p.y_mm) for p in islice(near, MAX_WAYPOINTS + 1)]
-    if not told:
+    points = [(p.x_mm, p.y_mm) for p in islice(near, MAX_WAYPOINTS + 1)]
+    if not points:
         return [number, 0, 0, 1, ""]
-    at = np.rint(np.array(told)).astype(np.int64)
+    at = np.rint(np.array(points)).astype(np.int64)
     corner, step_mm = at.min(axis=0), _step_mm(at)
     records = np.zeros(len(at), ROUTE_POINT.dtype)
     records["x"], records["y"] = np.rint((at - corner) / step_mm).T
@@ -87,6 +87,6 @@ def tell_route(number: int, route: Sequence[Point]) -> list[Any]:
 
 
 def _step_mm(at: NDArray[np.int64]) -> int:
-    """Return the step in which sixteen bits reach from the corner to the farthest of `at`, which is (points, 2)."""
-    # Exact on 65 m, and a few mm off on more: a map shows neither.
+    """Return the resolution with which 16 bits reach from the corner to the farthest point of `at`, (points, 2)."""
+    # Exact up to 65 m, and a few mm off beyond, which a map does not show.
     return max(1, -(-int((at - at.min(axis=0)).max()) // FARTHEST))

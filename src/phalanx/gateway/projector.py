@@ -1,6 +1,6 @@
-"""Collect what the projector's page shows: the way in, who is here, a caption. It has no operator's functions.
+"""State of the projector's page: the code, the visitors, a caption. It has no operator's functions.
 
-Its token opens only this. Whoever sees the page may join, as whoever sees the code on the screen.
+Its token gives access to this page only. Everybody who sees the page can join, as with the code on the screen.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ ESCAPED = {ord(each): f"\\{each}" for each in '\\;,:"'}
 
 @dataclass(frozen=True, slots=True)
 class Wifi:
-    """A network that visitors' phones join first. Raises: UsageError: there can be no such network."""
+    """A Wi-Fi network that visitors' phones join first. Raises: UsageError: an invalid name or password."""
 
     ssid: str
-    password: str = field(repr=False, default="")  # "" of an open network
+    password: str = field(repr=False, default="")  # "" for an open network
 
     def __post_init__(self) -> None:
         if not 0 < len(self.ssid.encode()) <= SSID_BYTES:
-            raise UsageError("--wifi: a name of a network has 1 to 32 bytes", "the name as phones list it")
+            raise UsageError("--wifi: a network's name has 1 to 32 bytes", "use the name as phones list it")
         if self.password and len(self.password.encode()) not in PASSWORD_BYTES:
-            raise UsageError("--wifi-password-file: a password has 8 to 63 bytes", "the first line of the file")
+            raise UsageError("--wifi-password-file: a password has 8 to 63 bytes", "check the first line of the file")
 
     @property
     def code(self) -> str:
-        """Return the text of the code that phones join the network by."""
+        """Return the text of the QR code to join the network."""
         security, password = ("T:WPA;", f"P:{self.password.translate(ESCAPED)};") if self.password else ("", "")
         return f"WIFI:{security}S:{self.ssid.translate(ESCAPED)};{password};"
 
 
 def projector_token(static: X25519PrivateKey) -> str:
-    """Return the token of the projector's page: the same after a restart, if the gateway keeps its keys."""
+    """Return the token of the projector's page, derived from the gateway's key: a restart keeps it."""
     return hkdf_sha256(static.private_bytes_raw(), b"phalanx projector", TOKEN_BYTES).hex()
 
 
@@ -65,7 +65,7 @@ class Projector:
         self._wifi = {"ssid": wifi.ssid, "svg": qr_svg(wifi.code)} if wifi else None
 
     def state(self) -> dict[str, Any]:
-        """Return what the page shows."""
+        """Return the data of the page."""
         running = self._running
         desk, robots = running.desk, running.gateway.swarm.robots()
         names = {robot.address: robot.name for robot in robots}
@@ -85,7 +85,7 @@ class Projector:
         }
 
     def _queue(self, here: list[dict[str, Any]], drivers: list[int], names: dict[str, str]) -> list[dict[str, Any]]:
-        """Return who waits, in order, with the robot whose turn ends by then; "" if none will be free."""
+        """Return the queue in order, each with the robot whose turn ends by then; "" if none will be free."""
         assignment, now_ms = self._running.link.server.assignment, now().ms
         turns = sorted((assignment.left_ms(each, now_ms), assignment.robot_of(each) or "") for each in drivers)
         queue = []

@@ -1,4 +1,4 @@
-"""Compare what seldom changes of a robot with what visitors know (docs/spec/vocabulary.md)."""
+"""Compare a robot's rarely changing fields with those that visitors have (docs/spec/vocabulary.md)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from phalanx.robot import Led, Point, Robot
 
 from .vocabulary import status, tell_led
 
-BATTERY_STEP_MV = 20  # a fifth of what a page shows
+BATTERY_STEP_MV = 20  # a fifth of the resolution on pages
 
 
 class Slow(NamedTuple):
-    """Fields of one robot that change seldom. Equal ones stay the same tuple: that is soon compared."""
+    """Rarely changing fields of one robot. Equal values stay the same object, so comparison is fast."""
 
     led: Led
     route: tuple[Point, ...]
@@ -21,12 +21,12 @@ class Slow(NamedTuple):
     status: int
 
     def is_but_for_route(self, other: Slow) -> bool:
-        """Return whether all but the route is the same."""
+        """Return whether everything but the route is equal."""
         return self._replace(route=other.route) == other
 
 
 def slow_of(robot: Robot, now_s: float, before: Slow | None) -> Slow:
-    """Return a robot's fields; `before` is what visitors know."""
+    """Return a robot's fields; `before` are those that visitors have."""
     battery_mv = round(robot.battery_v * 1000)
     if before is not None and abs(battery_mv - before.battery_mv) < BATTERY_STEP_MV:
         battery_mv = before.battery_mv
@@ -35,7 +35,7 @@ def slow_of(robot: Robot, now_s: float, before: Slow | None) -> Slow:
 
 
 def change_of(address: str, before: Slow, now: Slow, *, cleared: bool) -> dict[str, Any] | None:
-    """Return the fields but the route that visitors do not know, or None; `cleared`: its trail was."""
+    """Return the fields except the route that visitors lack, or None; `cleared`: its trail was cleared."""
     change: dict[str, Any] = {}
     if now.led != before.led:
         change["rgb_led"] = tell_led(now.led)

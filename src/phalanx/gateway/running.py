@@ -1,4 +1,4 @@
-"""A gateway that is up, as its operator sees it."""
+"""A running gateway, as its operator sees it."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ class Running:
     """A gateway with its swarm and links.
 
     Attributes:
-        desk: what operators do with visitors.
-        was_held: all robots were stopped when the gateway before ended.
+        desk: operators' requests about visitors.
+        was_held: all robots were stopped when the previous gateway ended.
 
     Args:
-        page_url: where visitors find the page.
-        link_url: where a page of this machine finds the websocket.
-        shared: mode qrkey, if it is served as well; with a page of its own its code is the one that is shown.
-        broker: that visitors are served at.
-        static: the gateway's key, of which the projector's token is derived.
+        page_url: address of the visitors' page.
+        link_url: address of the websocket for pages on this machine.
+        shared: mode qrkey, if it is also served; with a page of its own, its code is the one shown.
+        broker: the broker that serves visitors.
+        static: the gateway's key, from which the projector's token is derived.
     """
 
     def __init__(
@@ -91,26 +91,26 @@ class Running:
 
     @property
     def qr_url(self) -> str:
-        """Return what the QR code says now."""
+        """Return the content of the current QR code."""
         return self._shown.qr_url if self._shown else self.desk.code_url
 
     @property
     def connected(self) -> bool:
-        """Return whether visitors are reached: on the direct transport always."""
+        """Return whether visitors can be reached: on the direct transport always."""
         return self._broker is None or self._broker.connected
 
     def health(self) -> dict[str, Any]:
-        """Return what is told to whoever watches over the gateway."""
+        """Return the state for monitoring."""
         shields = self.gateway.shields
         return {"broker": self.connected, "shields": shields.health(time.monotonic()) if shields else "none"}
 
     @property
     def rejected(self) -> Counter[str]:
-        """Return how many messages were refused, by reason."""
+        """Return the number of refused messages, by reason."""
         return self.link.rejected + (self.shared.server.rejected if self.shared else Counter())
 
     def ready(self, operator_url: str) -> dict[str, Any]:
-        """Return the first event."""
+        """Return the event "ready"."""
         words = {"page_url": self.page_url, "qr_url": self.qr_url, "session_url": self.desk.code_url}
         return {
             "event": "ready",
@@ -122,7 +122,7 @@ class Running:
         }
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of a status line."""
+        """Return the numbers of the status line."""
         return {
             "robots": len(self.gateway.swarm.robots()),
             "visitors": len(self._visitors(self.desk.visitors(), time.monotonic())),
@@ -134,7 +134,7 @@ class Running:
         }
 
     def state(self) -> dict[str, Any]:
-        """Return everything that the operator's page shows. Has the code in it."""
+        """Return all data of the operator's page, including the code."""
         now_s, uptime_s = time.time(), time.monotonic()
         shown, config = self._shown, self.link.config
         robots = self.gateway.swarm.robots()
@@ -187,34 +187,34 @@ class Running:
         }
 
     def _compromise(self, words: dict[str, Any], _: int) -> None:
-        """Have a robot lie. Raises: Unknown: see `ShieldWatch.compromise`; or robots have no shields."""
+        """Compromise a robot. Raises: Unknown: as `ShieldWatch.compromise`, or robots have no shields."""
         if self.gateway.shields is None:
             raise Unknown("these robots do not audit each other: nothing would stop it")
         self.gateway.shields.compromise(str(words.get("address")), str(words.get("attack")))
 
     def _where(self, *_: object) -> dict[str, Any]:
-        """Return where a page of this machine finds the link, and the swarm's public key."""
+        """Return the link's address for a page on this machine, and the swarm's public key."""
         return {"link": self._link_url, "static": encode_base64url(self.link.static).decode()}
 
     def hold(self, held: bool) -> None:
-        """Every robot stands still from now on, whatever it is told and whatever the link does; or may move again.
+        """Stop every robot regardless of commands and of the link, or let robots move again.
 
-        For any thread, however busy the event loop is: that hears of it afterwards.
+        Thread-safe, and independent of a busy event loop: the event follows later.
         """
         self.gateway.brakes.hold(held)
-        self._kept_stop.keep(lambda: self.gateway.brakes.held)  # last: a disk may take its time
-        with contextlib.suppress(RuntimeError):  # it has ended
+        self._kept_stop.keep(lambda: self.gateway.brakes.held)  # last: the disk can be slow
+        with contextlib.suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(self._say, {"event": "held" if held else "released"})
 
     async def _rotate(self, _: dict[str, Any]) -> dict[str, Any]:
-        """Change the code that is shown now. Raises: Busy: in mode qrkey, while two are accepted."""
+        """Change the shown code now. Raises: Busy: in mode qrkey, while two codes are accepted."""
         self.desk.do("new_code", {})
         if self._shown and not await self._shown.server.rotate():
-            raise Busy("the code has just changed; the one before it has to end first")
+            raise Busy("the code has just changed; wait until the previous one has expired")
         return {}
 
     async def run(self) -> None:
-        """Let the world turn, tell visitors, report refusals, until cancelled."""
+        """Step the simulation, send updates and report refusals, until cancelled."""
         work = [self._turn(), self.gateway.run(), self.link.run(), self._report()]
         if self._broker:
             work.append(self._broker.report(self._say))
@@ -222,7 +222,7 @@ class Running:
             work.append(self.shared.server.run())
         tasks = [asyncio.ensure_future(job) for job in work]
         try:
-            await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself
+            await asyncio.gather(*tasks)  # not a TaskGroup, which would wrap the error in a group
         finally:
             for task in tasks:
                 task.cancel()
@@ -234,7 +234,7 @@ class Running:
         return self.link.counters[what] + (self.shared.count(what) if self.shared else 0)
 
     def _visitors(self, sessions: list[dict[str, Any]], uptime_s: float) -> list[dict[str, Any]]:
-        """Return those who are here, of all links; `sessions` are those of the desk."""
+        """Return the connected visitors of all links; `sessions` are those of the desk."""
         here = [
             {"id": each["name"], "last_seen_s": each["silent_s"], "requests": 0, "visitor": each["visitor"]}
             for each in sessions
@@ -248,10 +248,10 @@ class Running:
 
     async def _turn(self) -> None:
         before_s = time.monotonic()
-        while isinstance(swarm := self.gateway.swarm, SteppedSwarm):  # real robots move by themselves
+        while isinstance(swarm := self.gateway.swarm, SteppedSwarm):  # only simulated robots
             await asyncio.sleep(1 / WORLD_HZ)
             now_s = time.monotonic()
-            # A machine that slept does not hurl its robots through the wall.
+            # Limited, so that robots do not jump through a wall after the machine was suspended.
             swarm.step(min(now_s - before_s, 0.2))
             before_s = now_s
 
@@ -268,19 +268,19 @@ class Running:
     def _on_session(self, event: dict[str, Any]) -> None:
         if event["event"] == "rotation":
             if self._shown:
-                return  # another code is shown
+                return  # another code is on the screen
             event = event | {"qr_url": self.qr_url}
         self._say(event)
 
-    def _on_shared(self, said: Happening) -> None:
-        # Of refusals the first of its kind at once; the others are added up, for they may come in thousands.
-        if isinstance(said, Rejected) and said.reason in self._told:
+    def _on_shared(self, happening: Happening) -> None:
+        # The first refusal of each reason is reported at once, later ones as sums: there can be thousands.
+        if isinstance(happening, Rejected) and happening.reason in self._told:
             return
-        event = self.shared.event(said) if self.shared else None
+        event = self.shared.event(happening) if self.shared else None
         if event is None:
             return
-        if isinstance(said, Rejected):
-            self._told[said.reason] = event["count"]
+        if isinstance(happening, Rejected):
+            self._told[happening.reason] = event["count"]
         if event["event"] == "rotation" and self._shown:
             event["qr_url"] = self.qr_url
         self._say(event)

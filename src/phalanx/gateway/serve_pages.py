@@ -1,7 +1,7 @@
-"""The operator's page on this machine: its stop, and tickets for the link, for whoever has the token.
+"""The operator's page on this machine: the emergency stop and requests, for clients with the token.
 
-The stop waits neither for a transport nor for the gateway's event loop. All else the page does as a client of the link,
-as on a tablet, where the front end serves it.
+The stop waits neither for a transport nor for the gateway's event loop. For everything else the page is a client of
+the link, as on a tablet.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 PAGES = Path(__file__).parent / "pages"
 OPERATORS = 200  # connections
-UPDATES_WAITING = 100  # of a projector; then it begins anew
-REQUEST_BYTES = 32 * 1024  # of a mission, as JSON
-HEALTHY_S, HEALTH_FOR_S = 1.0, 0.2  # within which a gateway that is well answers itself; for how long that is true
+UPDATES_WAITING = 100  # for a projector; beyond, its stream is restarted
+REQUEST_BYTES = 32 * 1024  # for a mission as JSON
+HEALTHY_S, HEALTH_FOR_S = 1.0, 0.2  # time limit of a healthy gateway; how long an answer is reused
 
 Told = TypeVar("Told")
 
@@ -36,20 +36,19 @@ _POLICY = (
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'; connect-src 'self'"
 )
 VIEW_POLICY = _POLICY
-# They reach the gateway by websocket or by a broker, wherever it is; 'self' has the swarm's key.
+# Pages connect to the gateway's websocket or to any broker; 'self' serves the swarm's key.
 PAGE_POLICY = f"{_POLICY} ws: wss:"
 
 
 def pages_are_built(*pages: str) -> bool:
-    """Whether these pages, or those of a gateway, were built from web/ (they are not in git)."""
+    """Return whether these pages, or those of a gateway, were built from web/ (they are not in git)."""
     return all((PAGES / page / "index.html").is_file() for page in pages or ("visitor", "operator"))
 
 
 class OperatorPages(Site):
-    """The operator's page, on loopback, and its requests for whoever has the token, as `Authorization: Bearer`.
+    """The operator's page on loopback, and its requests, authorised by the token as `Authorization: Bearer`.
 
-    `hold` of what is `running` is called in whatever thread this is served; all else in the event loop in which this is
-    made.
+    `running.hold` is called in the thread that serves the page; everything else in the event loop of the constructor.
     """
 
     port_option = "--operator-port"
@@ -77,10 +76,10 @@ class OperatorPages(Site):
         return web.FileResponse(page) if page.is_file() else web.Response(status=503, text="The page is not built.\n")
 
     async def _tell_health(self, request: web.Request) -> web.Response:
-        """For whoever watches over the gateway; without a token, for it tells nothing else."""
+        """Answer a health check. It needs no token, as it reveals nothing else."""
         if _is_foreign(request):
             return _answer({"error": "not from this page"}, 403)
-        # However many ask: the loop that drives robots is asked one question at a time, and a few in a second.
+        # Limited to one query of the gateway's loop at a time and a few per second, however many clients ask.
         now_s = time.monotonic()
         if self._asking is None or (self._asking.done() and now_s - self._asked_at_s >= HEALTH_FOR_S):
             self._asking = asyncio.ensure_future(self._at_the_gateway(_soon(self._running.health)))
@@ -93,18 +92,18 @@ class OperatorPages(Site):
         return _answer(told, 200 if is_well else 503)
 
     async def _tell_projector(self, request: web.Request) -> web.Response:
-        """Answer what the projector shows beside the swarm."""
-        return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._running.projector.state)))
+        """Answer the data of the projector's page, except the swarm's state."""
+        return self._refusal(request) or _answer(await self._at_the_gateway(_soon(self._running.projector.state)))
 
     async def _tell_frames(self, request: web.Request) -> web.StreamResponse:
-        """Send state updates of the swarm, a JSON object a line, until the projector hangs up; it then asks again."""
-        if stranger := self._stranger(request):
-            return stranger
+        """Stream updates of the swarm, one JSON object per line, until the projector disconnects or lags behind."""
+        if refusal := self._refusal(request):
+            return refusal
         lines: asyncio.Queue[dict[str, Any] | None] = asyncio.Queue()
         loop = asyncio.get_running_loop()
 
         def put(words: dict[str, Any]) -> None:
-            # Whoever reads too slowly begins anew: the robots of a minute ago are no use.
+            # The stream of a slow reader ends: it reconnects, as old updates are useless.
             if lines.qsize() <= UPDATES_WAITING:
                 lines.put_nowait(words if lines.qsize() < UPDATES_WAITING else None)
 
@@ -120,32 +119,32 @@ class OperatorPages(Site):
         return response
 
     async def _do_ask(self, request: web.Request) -> web.StreamResponse:
-        """Answer an operator's request (docs/spec/vocabulary.md#over-a-session), or say in a line what is wrong."""
-        if stranger := self._stranger(request):
-            return stranger
+        """Answer an operator's request (docs/spec/vocabulary.md#over-a-session), or an error in one line."""
+        if refusal := self._refusal(request):
+            return refusal
         try:
-            words = json.loads(await request.read())  # JSON is UTF-8, whatever charset is said
+            words = json.loads(await request.read())  # JSON is UTF-8, whatever charset the header names
             return _answer(await self._at_the_gateway(self._running.desk.ask(request.match_info["request"], words)))
         except (UsageError, Unavailable) as error:
             return _answer({"error": str(error), "hint": error.hint}, 400)
         except PeerError as error:
             return _answer({"error": str(error), "hint": ""}, 409)
         except (ValueError, RecursionError):
-            return _answer({"error": "that is not what this page asks", "hint": "reload the page"}, 400)
+            return _answer({"error": "invalid request", "hint": "reload the page"}, 400)
 
     async def _do_hold(self, request: web.Request) -> web.Response:
-        if stranger := self._stranger(request):
-            return stranger
+        if refusal := self._refusal(request):
+            return refusal
         self._running.hold(request.path == "/api/stop")
         return _answer({})
 
     async def _at_the_gateway(self, job: Coroutine[Any, Any, Told]) -> Told:
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(job, self._gateways))
 
-    def _stranger(self, request: web.Request) -> web.Response | None:
-        """Return a refusal for whoever has not the token, which no cookie carries, or comes from another page."""
+    def _refusal(self, request: web.Request) -> web.Response | None:
+        """Return a refusal if the token is wrong (no cookie carries it), or if another page sent the request."""
         given = request.headers.get("Authorization", "").encode(errors="replace")
-        # The projector's token opens what the projector shows, and nothing else.
+        # The projector's token is valid for the projector's data only.
         token = self._running.projector.token if request.path.startswith("/api/projector") else self._token
         if not hmac.compare_digest(given, f"Bearer {token}".encode()):
             return _answer({"error": "open the operator link that the gateway printed"}, 401)
@@ -156,14 +155,14 @@ class OperatorPages(Site):
 
 
 def _is_foreign(request: web.Request) -> bool:
-    """Whether a page of somebody else's asks; an image or a script of such a page, which names no origin, too."""
+    """Return whether another site's page sent the request, also as an image or script without an origin."""
     own = f"http://{request.host}"
     site = request.headers.get("Sec-Fetch-Site", "same-origin")
     return request.headers.get("Origin", own) != own or site not in ("same-origin", "none")
 
 
 def _soon_at(loop: asyncio.AbstractEventLoop, job: Callable[..., None], *words: Any) -> None:
-    with contextlib.suppress(RuntimeError):  # it has ended
+    with contextlib.suppress(RuntimeError):  # the loop has ended
         loop.call_soon_threadsafe(job, *words)
 
 

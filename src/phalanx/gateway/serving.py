@@ -1,4 +1,4 @@
-"""Wait for a gateway's broker, and end a gateway after its time."""
+"""Wait for a gateway's broker, and end a gateway after its duration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WAIT_QUIETLY_S = 1.5
 
 @contextlib.asynccontextmanager
 async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
-    """The body is ended quietly after `duration_s`, if that is given; a TimeoutError of its own is passed on."""
+    """End the body quietly after `duration_s`, if given; its own TimeoutErrors are passed on."""
     limit = asyncio.timeout(duration_s)
     try:
         async with limit:
@@ -27,7 +27,7 @@ async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
 
 
 async def until_connected(server: Server | SessionBroker, say: Callable[[dict[str, Any]], None], wait_s: float) -> None:
-    """Wait for a server's broker; what takes long is said. Raises: Unavailable: it does not come, or refuses us."""
+    """Wait for a server's broker; report long waits. Raises: Unavailable: unreachable, or it refuses us."""
 
     async def tell() -> None:
         await asyncio.sleep(WAIT_QUIETLY_S)
@@ -37,6 +37,6 @@ async def until_connected(server: Server | SessionBroker, say: Callable[[dict[st
     try:
         await server.wait_connected(wait_s)
     except TimeoutError as error:
-        raise Unavailable(str(error), "phalanx doctor --broker URL; to wait longer for it, --wait") from error
+        raise Unavailable(str(error), "check it: phalanx doctor --broker URL; or wait longer with --wait") from error
     finally:
         telling.cancel()

@@ -1,6 +1,6 @@
-"""Mode session: visitors with keys of their own, on the front end's websockets and on a broker.
+"""Mode session: visitors with their own keys, over the front end's websockets and a broker.
 
-Who commands is known here, so a payload says no name. Nothing of a client is parsed before it is authentic.
+The session identifies the visitor, so payloads have no names. No data is parsed before it is authenticated.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ from .ways import FrontEnd, Ways
 log = logging.getLogger(__name__)
 
 TICK_S = 0.1
-LOOK_EVERY = 10  # ticks, for robots that came or left
-ASKED_BYTES = 256  # words of a visitor's request, while it waits
-CLOSING_S = 0.1  # for what was said last to leave
-# An update without news must not be shorter than one in which a robot moves: spaces make up for it. Every robot's place
-# is in one of ten updates. Of longer ones one robot does not show.
+LOOK_EVERY = 10  # ticks, to look for robots that joined or left
+ASKED_BYTES = 256  # longest payload of a request that waits
+CLOSING_S = 0.1  # for the last messages to be sent
+# Updates are padded, so that their length does not reveal whether a robot moves. Every robot's place is in one of ten
+# updates. In longer updates a single robot does not matter.
 EQUAL_TICKS, EQUAL_BYTES = 100, 2040
 _REASONS: dict[type[PeerError], Reason] = {
     BadPayload: Reason.BAD,
@@ -68,7 +68,7 @@ _REASONS: dict[type[PeerError], Reason] = {
     Unknown: Reason.UNKNOWN,
 }
 Say = Callable[[dict[str, Any]], None]
-# What a visitor may ask beside what the gateway answers: its name, its words; the visitor that asks.
+# Handler of operators' requests: takes the request's name, its payload, and the visitor's id.
 Operate = Callable[[str, dict[str, Any], int], dict[str, Any] | Awaitable[dict[str, Any]]]
 
 
@@ -78,14 +78,14 @@ class SessionLink:
     Attributes:
         server: all sessions.
         static: the swarm's public key.
-        operations: what operators do; `carry` what they return.
+        operations: operators' actions; pass their result to `carry`.
         counters: commands, requests and notifications.
-        say: gets events: joined, left, command, refused.
+        say: receives events: joined, left, command, refused.
         operate: answers operators' requests.
 
     Args:
-        robots: returns the addresses of the robots that there are.
-        broker: for visitors who do not reach the front end; invitations name it.
+        robots: returns the addresses of the current robots.
+        broker: for visitors who cannot reach the front end; named in invitations.
     """
 
     is_published = False
@@ -103,7 +103,7 @@ class SessionLink:
     ) -> None:
         self.config = config or SessionConfig()
         self._store = GroupedStore(store)
-        self._held: dict[int, list[Send | Close]] = {}  # by connection, until what it says is on disk
+        self._held: dict[int, list[Send | Close]] = {}  # by connection: answers that wait until the store is flushed
         self.server = SessionServer(self.config, keys.static, keys.signer, self._store, os.urandom, now(), open_role)
         self.operations = Operations(self.server)
         self.counters: Counter[str] = Counter()
@@ -115,7 +115,7 @@ class SessionLink:
         self._robots = robots
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[str, Callable[[Request], Any]] = {}
-        # Of each connection one of each name may wait, so that many who ask without end refuse nobody else's.
+        # One request per connection and name may wait, so that busy visitors do not displace others' requests.
         most = len(vocabulary.REQUEST_NAMES) * self.config.connections_max
         self._answers = Answers[Requested](lambda each: self._settle(each, self._answered(each)), most)
         self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
@@ -124,30 +124,30 @@ class SessionLink:
 
     @property
     def answer_bytes(self) -> int:
-        """Return the longest answer, as JSON, that fits a message to a client."""
+        """Return the size of the longest JSON answer that fits a message to a client."""
         return self.config.max_to_client_bytes - 64
 
     @property
     def rejected(self) -> Counter[str]:
-        """Return how many messages were refused, by reason."""
+        """Return the number of refused messages, by reason."""
         return self.server.rejected + self._ways.rejected
 
     @property
     def invitation(self) -> Invitation:
-        """Return the invitation of the open code."""
+        """Return the invitation with the current open code."""
         mqtt = self._ways.broker.mqtt if self._ways.broker else 0
         return Invitation(self.static, self.server.door.code, self.config.broker, self.config.root, mqtt)
 
     def on_command(self, name: str, /) -> Callable[[Callable[[Command], Any]], Any]:
-        """Decorate the handler of a command."""
+        """Register the decorated function as the handler of a command."""
         return lambda handler: self._commands.setdefault(name, handler)
 
     def on_request(self, number: int, /) -> Callable[[Callable[[Request], Any]], Any]:
-        """Decorate the handler of a request, by its number in mode qrkey."""
+        """Register the decorated function as the handler of a request, given its number in mode qrkey."""
         return lambda handler: self._requests.setdefault(vocabulary.REQUEST_NAMES[number], handler)
 
     async def notify(self, payload: dict[str, Any], /) -> bool:
-        """Seal an update for all visitors, once, whatever their number. Raises: UsageError: it is too long."""
+        """Encrypt an update once for all visitors, and send it. Raises: UsageError: it is too long."""
         try:
             state = encode_json(payload)
         except (TypeError, ValueError, RecursionError) as error:
@@ -166,7 +166,7 @@ class SessionLink:
         await asyncio.gather(*work)
 
     async def close(self) -> None:
-        """End all sessions: visitors may resume when the gateway runs again."""
+        """End all sessions; visitors can resume when the gateway runs again."""
         self._commit()
         connections = list(self.server.connections)
         for connection in connections:
@@ -175,7 +175,7 @@ class SessionLink:
             await asyncio.sleep(CLOSING_S)
 
     def carry(self, events: Iterable[ServerEvent]) -> None:
-        """Carry out what the server or an operation asks for, and report what happened."""
+        """Carry out the actions that the server or an operation returned, and report events."""
         for event in events:
             if isinstance(event, Send | Close) and event.connection in self._held:
                 self._held[event.connection].append(event)
@@ -202,14 +202,14 @@ class SessionLink:
             case CommandRefused(visitor, robot, reason):
                 self._refused(visitor, robot, reason)
 
-    # --- what comes --------------------------------------------------------------------------------------------------
+    # --- events of connections ------------------------------------------------------------------------------------
 
     async def _read(self, events: AsyncIterator[Event]) -> None:
         async for event in events:
             try:
                 self._on_event(event)
             except Exception as error:
-                # Whatever one connection did, the others are served.
+                # An error of one connection must not affect the others.
                 log.exception("a connection is closed (%s)", type(error).__name__)
                 self._fail(event.connection)
 
@@ -224,15 +224,15 @@ class SessionLink:
                 self.carry(self.server.receive_hello(data, now()))
             case Received(connection, data):
                 self.carry(self._receive(connection, data))
-                its = self.server.connections.find(connection)
-                if its and its.visitor:
+                known = self.server.connections.find(connection)
+                if known and known.visitor:
                     self._ways.admit(connection)
             case Closed(connection):
                 self._ways.forget(connection)
                 self.carry(self.server.closed(connection, now()))
 
     def _receive(self, connection: int, data: bytes) -> list[ServerEvent]:
-        """Let the server read a message. What it writes is on disk before its answer leaves, with the next turn."""
+        """Pass a message to the server. Its writes are flushed before its answers are sent, in the next loop turn."""
         before = self._store.writes
         self._store.is_grouping = True
         try:
@@ -245,12 +245,12 @@ class SessionLink:
                 self._held.setdefault(connection, [])
 
     def _commit(self) -> None:
-        """Put on disk what messages of this turn wrote, with one wait for all, and send what was held for it."""
+        """Flush the writes of all messages of this turn at once, and send the answers that waited for it."""
         held, self._held = self._held, {}
         try:
             self._store.flush()
-        except Exception as error:  # noqa: BLE001 - whatever the disk does, who drives is served
-            log.error("visitors cannot be written, and are not admitted: %s", error)  # noqa: TRY400
+        except Exception as error:  # noqa: BLE001 - connected visitors are served even if the disk fails
+            log.error("visitors cannot be stored and are not admitted: %s", error)  # noqa: TRY400
             for connection in held:
                 self._fail(connection)
             return
@@ -261,7 +261,7 @@ class SessionLink:
         known: list[str] = []
         for ticks in itertools.count():
             try:
-                # Once a second: a thousand robots are five milliseconds of work.
+                # Only once a second: a thousand robots take five milliseconds.
                 if ticks % LOOK_EVERY == 0 and known != (known := sorted(self._robots())):
                     self.server.assignment.set_robots(known, now().ms)
                 code = self.server.door.code
@@ -279,34 +279,34 @@ class SessionLink:
         self.trail.joined(joined.visitor, **words)
         self.say({"event": "joined", "visitor": joined.visitor, **words})
 
-    def _command(self, said: Commanded) -> None:
-        robot = said.robot.upper()
+    def _command(self, command: Commanded) -> None:
+        robot = command.robot.upper()
         try:
-            payload = None if said.is_stop else parse_payload(said.payload)
-            if said.name == "waypoints" and not said.is_stop:
-                self._count_route(said.visitor, robot, payload)
-            handler = self._commands.get(said.name)
+            payload = None if command.is_stop else parse_payload(command.payload)
+            if command.name == "waypoints" and not command.is_stop:
+                self._count_route(command.visitor, robot, payload)
+            handler = self._commands.get(command.name)
             if handler is None:
-                raise Unknown(f"no command {said.name!r}")
-            topic = CommandTopic(robot, vocabulary.APPLICATION, said.name)
-            by = self.name_of(said.visitor)
-            call_now(handler, Command(topic, payload, by=by, is_stop=said.is_stop))
+                raise Unknown(f"no command {command.name!r}")
+            topic = CommandTopic(robot, vocabulary.APPLICATION, command.name)
+            by = self.name_of(command.visitor)
+            call_now(handler, Command(topic, payload, by=by, is_stop=command.is_stop))
         except PeerError as error:
             reason = self._reject(error)
-            self.carry(self.server.refuse(said.visitor, 0, reason))
-            self._refused(said.visitor, robot, reason)
+            self.carry(self.server.refuse(command.visitor, 0, reason))
+            self._refused(command.visitor, robot, reason)
             return
-        self.carry(self.server.accept(said, now()))
+        self.carry(self.server.accept(command, now()))
         self.counters["commands"] += 1
-        if said.is_stop:
-            self.trail.stops(said.visitor, robot, time.monotonic())
+        if command.is_stop:
+            self.trail.stops(command.visitor, robot, time.monotonic())
         else:
-            self.trail.drives(said.visitor, robot, said.name, time.monotonic())
-        words = {"address": robot, "name": said.name, "payload": payload, "visitor": said.visitor, "by": by}
+            self.trail.drives(command.visitor, robot, command.name, time.monotonic())
+        words = {"address": robot, "name": command.name, "payload": payload, "visitor": command.visitor, "by": by}
         self.say({"event": "command", **words})
 
     def _count_route(self, visitor: int, robot: str, payload: Any) -> None:
-        """Raise TooMany for more routes or points than one visitor may send."""
+        """Count a route. Raises: TooMany: more routes or points than one visitor may send."""
         points = payload.get("waypoints") if isinstance(payload, dict) else None
         if isinstance(points, list):
             self.server.caps.of(visitor, now().ms).route(robot, len(points), now().ms)
@@ -363,7 +363,7 @@ class SessionLink:
         return encoded
 
     def _operated(self, visitor: Visitor, request: Requested) -> dict[str, Any] | Awaitable[dict[str, Any]]:
-        """Answer an operator past the queue: its stop waits behind nobody's requests."""
+        """Answer an operator without the queue: a stop must not wait for other visitors' requests."""
         if self.operate is None:
             raise Unknown("no such request")
         if visitor.role is not Role.OPERATE:
@@ -379,22 +379,22 @@ class SessionLink:
 
     def _reject(self, error: PeerError) -> Reason:
         self.server.rejected[error.reason] += 1
-        return next((told for kind, told in _REASONS.items() if isinstance(error, kind)), Reason.BAD)
+        return next((reason for kind, reason in _REASONS.items() if isinstance(error, kind)), Reason.BAD)
 
     def is_driven(self, robot: str) -> bool:
-        """Return whether a visitor drives a robot now, or has it assigned."""
+        """Return whether a visitor drives the robot now, or has it assigned."""
         return self.server.assignment.driver_of(robot, now().ms) is not None
 
     def drivers(self) -> dict[str, str]:
-        """Return the name of the visitor that has each robot which somebody has now."""
+        """Return the name of the visitor of each robot that somebody drives or has assigned."""
         return {robot: self.name_of(visitor) for robot, visitor in self.server.assignment.drivers(now().ms).items()}
 
     def name_of(self, visitor: int) -> str:
-        """Return a visitor's nickname, or "" if it was removed."""
+        """Return a visitor's nickname, or "" if the visitor was removed."""
         known = self.server.visitors.find(visitor)
         return known.name if known else ""
 
 
 def now() -> Now:
-    """Return the time, as sessions are told it."""
+    """Return the current time, monotonic and wall clock, for sessions."""
     return Now(time.monotonic_ns() // 1_000_000, int(time.time()))

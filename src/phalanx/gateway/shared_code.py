@@ -1,4 +1,4 @@
-"""Mode qrkey beside sessions: a broker, and one code that all its visitors share. For published pages and programs."""
+"""Mode qrkey beside sessions, for published pages and programs: a broker, and one code shared by all visitors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class SharedCode:
 
     Attributes:
         server: the `Link`.
-        broker: that it is connected to.
+        broker: the broker that it uses.
 
     Args:
         for_visitors: the broker's URL for browsers.
@@ -32,12 +32,12 @@ class SharedCode:
 
     @property
     def qr_url(self) -> str:
-        """Return the link of its code: of the published page, or for programs."""
+        """Return the link of its code: for the published page, or for programs."""
         qr = self.server.qr()
         return qr.for_foreign_page(self._options.frontend) if self._options.frontend else qr.for_page(self._page_url)
 
     def ready(self) -> dict[str, Any]:
-        """Return what the first event says of it. Has the pin in it."""
+        """Return its fields of the event "ready", including the pin."""
         return {
             "qrkey_url": self.qr_url,
             "pin": self.server.epoch.pin.digits,
@@ -48,18 +48,18 @@ class SharedCode:
         }
 
     def count(self, what: str) -> int:
-        """Return how often that came."""
+        """Return the value of a counter."""
         return self.server.counters[what]
 
-    def event(self, said: Happening) -> dict[str, Any] | None:
-        """Return what happened, in JSON's types; None for what is nobody's business: pages ask all the time.
+    def event(self, event: Happening) -> dict[str, Any] | None:
+        """Return an event as JSON-ready types, or None for events not reported, such as requests.
 
-        A rotation has the pin in it.
+        A rotation includes the pin.
         """
-        if isinstance(said, Epoch):
-            return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qrkey_url": self.qr_url}
-        if isinstance(said, Command):
-            return {"event": "command", "address": said.address, "name": said.name, "payload": said.payload}
-        if isinstance(said, Rejected):
-            return {"event": "rejected", "reason": said.reason, "count": self.server.rejected[said.reason]}
+        if isinstance(event, Epoch):
+            return {"event": "rotation", "pin": event.pin.digits, "topic": event.topic, "qrkey_url": self.qr_url}
+        if isinstance(event, Command):
+            return {"event": "command", "address": event.address, "name": event.name, "payload": event.payload}
+        if isinstance(event, Rejected):
+            return {"event": "rejected", "reason": event.reason, "count": self.server.rejected[event.reason]}
         return None

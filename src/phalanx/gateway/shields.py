@@ -1,6 +1,6 @@
-"""What is told of the shields: who vouches for whom, how audits end, who was stopped.
+"""State of the shields for pages: who vouches for whom, results of audits, stopped robots.
 
-Visitors are told all of it, except which robot the operator has compromised: only `state` and `say` know that.
+Visitors receive all of it, except which robot the operator has compromised: only `state` and `say` contain that.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from phalanx.robot.on_mission import OnMission
 from phalanx.robot.swarm import Audit, AuditedSwarm, Revivable, Shield
 
 LOOK_EVERY_S = 0.3
-# Pages let tokens drain by themselves: told again is what is off by more than anybody sees.
+# Pages count down tokens themselves; only larger differences are sent again.
 SAME_WITHIN_S = 0.5
-# Of a tick; honest swarms of a hundred end ten. Refusals come first.
+# Per tick; a hundred honest robots complete about ten. Refusals come first.
 MOST_AUDITS = 64
 REFUSALS_KEPT = 50
 BY_HAND = (
     "a real robot is revived by hand only, with a new mission key",
-    "switch it off, find out why it was stopped, and give all robots the next mission's key: phalanx docs guides/robot",
+    "switch it off, find out why it was stopped, and load the next mission's key into all: phalanx docs guides/robot",
 )
-NOT_ON_MISSION = ("robots on a mission are not revived", "send them another mission, or start the gateway again")
+NOT_ON_MISSION = ("robots on a mission cannot be revived", "send them another mission, or restart the gateway")
 
 
 def check_revivable(swarm: Swarm) -> Revivable:
-    """Return a swarm whose stopped robots can begin anew. Raises: UsageError: it is none."""
+    """Return the swarm if its stopped robots can be restarted. Raises: UsageError: they cannot."""
     if not isinstance(swarm, Revivable):
         raise UsageError(*(NOT_ON_MISSION if isinstance(swarm, OnMission) else BY_HAND))
     return swarm
@@ -39,19 +39,19 @@ def check_revivable(swarm: Swarm) -> Revivable:
 
 @dataclass(slots=True)
 class _Lie:
-    """When the operator had a robot lie, and when it was stopped; monotonic seconds."""
+    """When the operator compromised a robot, and when it was stopped; monotonic seconds."""
 
     since_s: float
     stopped_at_s: float | None = None
 
 
 class ShieldWatch:
-    """Compares shields with what visitors were told last. `say` is told what `--events` prints of them."""
+    """Compares shields with those last sent to visitors. `say` receives events for `--events`."""
 
     def __init__(self, swarm: AuditedSwarm, say: Callable[[dict[str, Any]], None]) -> None:
         self._swarm = swarm
         self._say = say
-        self._checks_tokens = not getattr(swarm, "unchecked", "")  # later it says that the nodes which did are gone
+        self._checks_tokens = not getattr(swarm, "unchecked", "")  # read once: the attribute changes if the nodes fail
         self._told: dict[str, tuple[bool, dict[str, float]]] = {}
         self._refused: deque[tuple[float, Audit]] = deque(maxlen=REFUSALS_KEPT)
         self._last: dict[str, Audit] = {}
@@ -61,7 +61,7 @@ class ShieldWatch:
         self._terms: dict[str, int] = {}
 
     def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
-        """`shields` and `audits` of the next frame; `number` is what frames call a robot, the uptime monotonic."""
+        """Return `shields` and `audits` of the next update; `number` numbers robots, `uptime_s` is monotonic."""
         audits = list(self._swarm.new_audits())
         for audit in audits:
             self._last[audit.auditee] = audit
@@ -72,7 +72,7 @@ class ShieldWatch:
                 )
         audits = sorted(audits, key=lambda audit: not audit.refusal)[:MOST_AUDITS]
         changed: list[Shield] = []
-        # Every tick while a compromised robot is at large: the operator is told how long it took.
+        # Every tick while a compromised robot runs: the operator sees how long it took to stop it.
         if uptime_s >= self._look_at_s or any(lie.stopped_at_s is None for lie in self._lies.values()):
             self._look_at_s = uptime_s + LOOK_EVERY_S
             changed = [shield for shield in self._swarm.shields() if self._is_news(shield, uptime_s)]
@@ -98,7 +98,7 @@ class ShieldWatch:
         return True
 
     def in_list(self, number: Callable[[str], int]) -> dict[str, dict[str, Any]]:
-        """What an answer to request 0 says of each robot beside the rest, by address."""
+        """Return the shield's fields in answers to request 0, by address."""
         return {
             shield.address: {
                 "shield": _tell_shield(shield, number),
@@ -108,8 +108,8 @@ class ShieldWatch:
         }
 
     def in_area(self) -> dict[str, int]:
-        """What the answer to request 1 says beside the area; nothing of a swarm of nobody."""
-        # The same for all and for ever. Kept, as visitors may ask a thousand times a second.
+        """Return the shields' fields in answers to request 1; {} for an empty swarm."""
+        # Constant and equal for all robots. Cached, as there may be a thousand requests a second.
         if not self._terms and (shields := self._swarm.shields()):
             self._terms = {
                 "tokens_needed": shields[0].needed,
@@ -118,29 +118,29 @@ class ShieldWatch:
         return self._terms
 
     def compromise(self, address: str, attack: str) -> None:
-        """Have a robot lie. Raises: Unknown: no such robot or attack, or it is compromised or stopped already."""
+        """Compromise a robot. Raises: Unknown: no such robot or attack, or it is compromised or stopped."""
         self._swarm.compromise(address, attack)
         self._lies[address] = _Lie(time.monotonic())
         self._say({"event": "compromised", "address": address, "attack": attack})
 
     def revive(self, address: str) -> None:
-        """Have a stopped robot begin anew. Raises: Unknown: no such robot, or it runs; UsageError: it is a real one."""
+        """Restart a stopped robot. Raises: Unknown: no such robot, or it runs; UsageError: it is a real one."""
         check_revivable(self._swarm).revive(address)
         self._lies.pop(address, None)
         self._say({"event": "revived", "address": address})
 
     def revive_after(self, stopped_s: float, uptime_s: float) -> None:
-        """Revive all that have been stopped for so long."""
+        """Revive all robots that have been stopped for `stopped_s`."""
         for address, since_s in list(self._stopped_at_s.items()):
             if uptime_s - since_s >= stopped_s:
                 del self._stopped_at_s[address]
-                with contextlib.suppress(Unknown):  # somebody has revived it by hand
+                with contextlib.suppress(Unknown):  # revived by hand meanwhile
                     self.revive(address)
 
     def health(self, uptime_s: float) -> str:
-        """Return `working` while a robot that was not stopped has the tokens that it needs, and else `not working`.
+        """Return `working` if a robot that was not stopped has the tokens that it needs, otherwise `not working`.
 
-        `none`: nobody here checks tokens, or robots wait for their first mission. It costs no look at all robots.
+        `none`: no trusted node here checks tokens, or robots wait for their first mission. Uses cached shields only.
         """
         if not self._checks_tokens or (isinstance(self._swarm, OnMission) and self._swarm.progress() is None):
             return "none"
@@ -156,7 +156,7 @@ class ShieldWatch:
         return any(shield.safe_mode for shield in self._swarm.shields() if shield.address == address)
 
     def state(self, name: Callable[[str], str]) -> dict[str, Any]:
-        """What the operator's page shows; `name` is a robot's, for people."""
+        """Return the data of the operator's page; `name` returns a robot's name."""
         shields, now_s = self._swarm.shields(), time.monotonic()
         return {
             **self.in_area(),
@@ -184,7 +184,7 @@ class ShieldWatch:
 
 
 def _tell_shield(shield: Shield, number: Callable[[str], int]) -> list[Any]:
-    """Return `[safe mode, [[auditor, tenths of a second that it vouches for], ...]]`."""
+    """Return `[safe mode, [[auditor, tenths of a second until its token expires], ...]]`."""
     return [int(shield.safe_mode), [[number(auditor), round(left_s * 10)] for auditor, left_s in shield.vouchers]]
 
 

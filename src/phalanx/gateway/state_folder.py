@@ -1,6 +1,6 @@
-"""The folder that a gateway keeps: the store of sessions, the trail, and where its operator's page is.
+"""A gateway's state folder: the store of sessions, the trail, and the address of its operator's page.
 
-Only one gateway has it at a time. Nobody but its owner may enter it.
+Only one gateway uses it at a time. Only its owner may have access.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ STORE, TRAIL, OPERATOR = "sessions.db", "trail.jsonl", "operator.json"
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """What a gateway keeps, or forgets with its end."""
+    """A gateway's stored state, in a folder or in memory."""
 
     store: Store
     keys: LinkKeys
@@ -36,7 +36,7 @@ class Kept:
 
     @contextlib.contextmanager
     def found_at(self, operator_url: str) -> Iterator[None]:
-        """Let commands of this user find the operator's page while the context lasts."""
+        """Publish the operator's address to commands of this user while the context lasts."""
         if self.folder is None:
             yield
             return
@@ -51,9 +51,9 @@ class Kept:
 
 @contextlib.contextmanager
 def kept_in(folder: Path | None, *, is_optional: bool = False) -> Iterator[Kept]:
-    """Open the folder, made if it is not there. None: nothing is kept, nor if an optional one cannot be had.
+    """Open the folder, created if missing. None, or an optional folder that is unavailable: keep state in memory.
 
-    Raises: UsageError: it is damaged, or others may enter it; Unavailable: another gateway has it.
+    Raises: UsageError: it is damaged, or others have access; Unavailable: another gateway uses it.
     """
     with contextlib.ExitStack() as stack:
         store = None
@@ -64,7 +64,7 @@ def kept_in(folder: Path | None, *, is_optional: bool = False) -> Iterator[Kept]
             except Unavailable as error:
                 if not is_optional:
                     raise
-                log.warning("%s: this one forgets its visitors with its end; hint: --state FOLDER", error)
+                log.warning("%s: this gateway will not keep its visitors; hint: use --state FOLDER", error)
         if folder is None or store is None:
             yield Kept(MemoryStore(), new_link_keys(), Trail(None), None)
             return
@@ -74,25 +74,25 @@ def kept_in(folder: Path | None, *, is_optional: bool = False) -> Iterator[Kept]
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for its owner alone, if it is not there. Raises: UsageError; Unavailable."""
+    """Create a folder that only its owner can access, if missing. Raises: UsageError; Unavailable."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileExistsError):
             folder.mkdir(mode=0o700)
         made = folder.lstat()
     except OSError as error:
-        raise Unavailable(f"cannot make {folder}: {error.strerror}", "--state FOLDER, one of your own") from error
+        raise Unavailable(f"cannot create {folder}: {error.strerror}", "use --state with your own folder") from error
     if not stat.S_ISDIR(made.st_mode):
-        raise UsageError(f"{folder} is no folder", "--state FOLDER, one that is not there is made")
+        raise UsageError(f"{folder} is not a folder", "use --state with a folder; a missing one is created")
     if not is_ours_alone(made):
-        raise UsageError(f"others may enter {folder}", f"chmod 700 {folder}, or another folder of your own")
+        raise UsageError(f"other users have access to {folder}", f"run chmod 700 {folder}, or use another folder")
 
 
 def operator_url_in(folder: Path) -> str:
-    """Return where the operator's page of the gateway with this folder is. Raises: Unavailable: none runs."""
+    """Return the address of the operator's page for this folder. Raises: Unavailable: no gateway runs."""
     try:
         url = json.loads((folder / OPERATOR).read_bytes())["url"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        hint = "start phalanx up, or say its folder: --state FOLDER"
+        hint = "start phalanx up, or give its folder with --state FOLDER"
         raise Unavailable(f"no gateway runs with {folder}", hint) from error
     return str(url)

@@ -1,7 +1,7 @@
-"""The tour of `phalanx up --tour`: in three minutes it shows the three shields, each with captions on the wall.
+"""The tour of `phalanx up --tour`: show the three shields in three minutes, with captions on the projector.
 
-Each act is a gateway of its own with the same port, pages, keys and visitors: phones and the wall come back by
-themselves, as after any restart. After the last act the first one begins again.
+Each act is a separate gateway with the same port, pages, keys and visitors: phones and the projector reconnect by
+themselves. After the last act the first one starts again.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ log = logging.getLogger(__name__)
 ACT_S = 60.0
 SETTLE_S, DRIVE_S, LOOK_S = 5.0, 4.0, 0.5
 BENDS = ((60, 60), (70, 40), (40, 70))  # wheels, percent
-ATTACK = "hijack"  # anybody can see what it does
+ATTACK = "hijack"  # its effect is easy to see
 LINK = "Shield 1: only phones that scanned the code can drive."
-MISSION = "Shield 2: robots find their way by landmarks, and tell it to no thief."
+MISSION = "Shield 2: robots find their way by landmarks, and a stolen mission reveals nothing."
 AUDITS = "Shield 3: robots check each other. Each arc of a ring is a neighbour that vouches."
 
 MakeSwarm = Callable[[], AbstractContextManager[Swarm]]
@@ -50,9 +50,9 @@ class Act:
 async def tour(
     options: UpOptions, say: Say, started: Callable[[Running], None], driven: MakeSwarm, mission: MakeSwarm
 ) -> None:
-    """Run the tour until cancelled. `driven` makes robots that visitors drive, `mission` those that find their way.
+    """Run the tour until cancelled. `driven` makes robots that visitors drive, `mission` those that run a mission.
 
-    Raises: UsageError, Unavailable: see `up`.
+    Raises: UsageError, Unavailable: as `up`.
     """
     options = replace(
         options,
@@ -70,14 +70,14 @@ async def tour(
 async def _play(
     act: Act, options: UpOptions, say: Say, started: Callable[[Running], None], gateways: list[Running]
 ) -> None:
-    """Run one act; `gateways` has that of the act before, and this one's afterwards."""
+    """Run one act; `gateways` holds the previous act's gateway, and this one's afterwards."""
     scripts: list[asyncio.Task[None]] = []
 
     def begin(running: Running) -> None:
         before = gateways[:]
         gateways[:] = [running]
         started(running)
-        # An operator's stop holds until the operator lifts it, whatever is played; it may come between two acts.
+        # An operator's stop lasts across acts until the operator releases it; it can also come between two acts.
         if any(gateway.gateway.brakes.held for gateway in before):
             running.hold(True)
         scripts.append(asyncio.ensure_future(_follow(act.script, running)))
@@ -95,11 +95,11 @@ async def _follow(script: Script, running: Running) -> None:
     try:
         await script(running)
     except PhalanxError as error:
-        log.info("the act has ended for its visitor: %s", error)  # the robots go on, and so does the tour
+        log.info("the visitor of the tour has left: %s", error)  # the tour continues
 
 
 async def show_link(running: Running) -> None:
-    """Let a visitor drive one robot after the other."""
+    """Drive one robot after the other, as a visitor."""
     running.projector.caption = LINK
     await asyncio.sleep(SETTLE_S)
     invitation = running.desk.do("invite", {"role": "drive", "uses": 1, "name": "Tour"})
@@ -111,7 +111,7 @@ async def show_link(running: Running) -> None:
 
 
 async def show_mission(running: Running) -> None:
-    """Say what robots have decoded."""
+    """Show what robots have decoded."""
     while True:
         missions = running.gateway.missions
         walks: dict[str, Any] = missions.state()["robots"] if missions else {}
@@ -122,21 +122,21 @@ async def show_mission(running: Running) -> None:
 
 
 async def show_audits(running: Running) -> None:
-    """Have one robot lie, until the others have it stopped, and let it begin anew."""
+    """Compromise one robot until the others have it stopped, then revive it."""
     shields = running.gateway.shields
     assert shields is not None, "these robots audit each other"
     running.projector.caption = AUDITS
     await asyncio.sleep(2 * SETTLE_S)
     robot = running.gateway.swarm.robots()[0]
     running.desk.do("compromise", {"address": robot.address, "attack": ATTACK})
-    running.projector.caption = f"{robot.name} lies now. Watch its neighbours find out."
+    running.projector.caption = f"{robot.name} is compromised now. Watch its neighbours detect it."
 
     await _until(shields, robot.address, stopped=True)
     running.projector.caption = f"{robot.name} was stopped: its neighbours no longer vouch for it."
     await asyncio.sleep(2 * SETTLE_S)
     shields.revive(robot.address)
     await _until(shields, robot.address, stopped=False)
-    running.projector.caption = f"{robot.name} is back, with its honest program, and is vouched for again."
+    running.projector.caption = f"{robot.name} is back, with its honest program. Its neighbours vouch for it again."
 
 
 async def _until(shields: ShieldWatch, address: str, *, stopped: bool) -> None:

@@ -1,6 +1,6 @@
-"""The trail: who joined, drove, was refused and was removed. No payload is in it.
+"""The audit trail: who joined, drove, was refused and was removed. It contains no payloads.
 
-No visitor fills the disk, or takes the room of others' lines: each has room of its own, and so has what was left out.
+Each visitor has its own allowance of lines, so that nobody can fill the disk or displace others' lines.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from phalanx.pace import Pace
 
 from .chain_file import ChainFile
 
-ADDED_UP_S = 10.0  # refusals, stops, and what was left out: they may come in thousands
-KINDS = 8  # of robots and reasons, of a visitor in that time; the rest is added up without the robot
-SUMS_PER_TICK = 16  # visitors whose sums are written at once
-LINES_AT_ONCE, LINES_PER_S = 50, 0.2  # of a visitor
-NEWCOMERS_AT_ONCE, NEWCOMERS_PER_S = 2000, 5.0  # visitors that have lines at all
+ADDED_UP_S = 10.0  # period for which refusals, stops and omitted lines are summed up
+KINDS = 8  # of robots and reasons per visitor and period; more are summed up without the robot
+SUMS_PER_TICK = 16  # visitors whose sums are written per tick
+LINES_AT_ONCE, LINES_PER_S = 50, 0.2  # per visitor
+NEWCOMERS_AT_ONCE, NEWCOMERS_PER_S = 2000, 5.0  # visitors that get an allowance
 DRIVE_ENDS_S = 10.0  # after the last command
-LIST_MOST = 48  # in a line: robots' addresses have 64 characters
-GATEWAY = 0  # whose lines are no visitor's
+LIST_MOST = 48  # items in a line: addresses have up to 64 characters
+GATEWAY = 0  # lines that belong to no visitor
 
 
 @dataclass(slots=True)
@@ -42,7 +42,7 @@ class _Sums:
 
 
 class Trail:
-    """Writes the trail. Without a path nothing is written. Raises: Unavailable: it cannot be opened."""
+    """Writes the trail; without a path nothing is written. Raises: Unavailable: the file cannot be opened."""
 
     def __init__(self, path: Path | None) -> None:
         self._file = ChainFile(path) if path else None
@@ -52,7 +52,7 @@ class Trail:
         self._paces: dict[int, Pace] = {}  # of visitors
         self._newcomers = Pace(NEWCOMERS_PER_S, NEWCOMERS_AT_ONCE, time.monotonic())
         self._left_out: Counter[int] = Counter()  # lines, by visitor
-        self._told_s = 0.0
+        self._left_out_written_s = 0.0
         if self._file and self._file.found:
             event, words = self._file.found
             self._append(GATEWAY, event, words)
@@ -63,31 +63,31 @@ class Trail:
             self._end_drive(robot)
         for visitor in list(self._sums):
             self._write_sums(visitor)
-        self._tell_left_out()
+        self._write_left_out()
         if self._file:
             self._file.sync()
             self._file.close()
             self._file = None
 
     def write(self, event: str, /, *, durable: bool = False, **words: Any) -> None:
-        """Add a line of what an operator did; a long list takes several. It is on disk then, if it is `durable`."""
+        """Add a line about an operator's action; a long list takes several. `durable`: flush it to disk."""
         for part in _parts(words):
             self._append(GATEWAY, event, part)
         if durable and self._file:
             self._file.sync()
 
     def joined(self, visitor: int, **words: Any) -> None:
-        """Take note of a visitor that came."""
+        """Record that a visitor joined."""
         self._here.add(visitor)
         self._of_visitor(visitor, "joined", **words)
 
     def left(self, visitor: int) -> None:
-        """Take note of a visitor that went."""
+        """Record that a visitor left."""
         self._here.discard(visitor)
         self._of_visitor(visitor, "left")
 
     def drives(self, visitor: int, robot: str, command: str, now_s: float) -> None:
-        """Take note of a command that was carried out: a line when a visitor begins, and one when it has ended."""
+        """Record a command that was carried out: one line when a drive begins, one when it has ended."""
         drive = self._drives.get(robot)
         if drive and drive.visitor != visitor:
             self._end_drive(robot)
@@ -99,7 +99,7 @@ class Trail:
         drive.commands += 1
 
     def stops(self, visitor: int, robot: str, now_s: float) -> None:
-        """Count a stop; it begins and ends no drive. A driver's own stop is not counted."""
+        """Count a stop; it begins and ends no drive. The driver's own stops are not counted."""
         drive = self._drives.get(robot)
         if drive is None or drive.visitor != visitor:
             self._add("stopped", visitor, robot, "", now_s)
@@ -109,16 +109,16 @@ class Trail:
         self._add("refused", visitor, robot[:64], reason, now_s)
 
     def tick(self, now_s: float) -> None:
-        """Write what is due; `now_s` is monotonic."""
+        """Write due lines; `now_s` is monotonic."""
         for robot, drive in list(self._drives.items()):
             if now_s - drive.last_s >= DRIVE_ENDS_S:
                 self._end_drive(robot)
         for visitor in list(islice(self._sums, SUMS_PER_TICK)):
             if now_s - self._sums[visitor].since_s >= ADDED_UP_S:
                 self._write_sums(visitor)
-        if now_s - self._told_s >= ADDED_UP_S:
-            self._told_s = now_s
-            self._tell_left_out()
+        if now_s - self._left_out_written_s >= ADDED_UP_S:
+            self._left_out_written_s = now_s
+            self._write_left_out()
             self._paces = {
                 each: pace for each, pace in self._paces.items() if each in self._here or not pace.is_full(now_s)
             }
@@ -139,7 +139,7 @@ class Trail:
         self._of_visitor(drive.visitor, "drove", robot=robot, commands=drive.commands, lasted_s=lasted_s)
 
     def _of_visitor(self, visitor: int, event: str, **words: Any) -> None:
-        """Add a line of what a visitor did, if it has room for one."""
+        """Add a line about a visitor's action, if the visitor's allowance permits."""
         now_s = time.monotonic()
         pace = self._paces.get(visitor)
         if pace is None and not self._newcomers.wait_s(now_s):
@@ -157,8 +157,8 @@ class Trail:
         self._left_out[visitor] += 1
         return False
 
-    def _tell_left_out(self) -> None:
-        """Say how many lines were not written, and of whom most: one line every ten seconds always has room."""
+    def _write_left_out(self) -> None:
+        """Write the number of omitted lines and the visitors with most of them; one line per period always fits."""
         left_out, self._left_out = self._left_out, Counter()
         if left_out:
             most = [visitor for visitor, _ in left_out.most_common(LIST_MOST)]
@@ -167,7 +167,7 @@ class Trail:
 
 
 def _parts(words: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield words for one line each: a part of the list that is too long for one."""
+    """Yield the fields of each line: a list that is too long is split over several lines."""
     key = next((key for key, word in words.items() if isinstance(word, list) and len(word) > LIST_MOST), None)
     if key is None:
         yield words

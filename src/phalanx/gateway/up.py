@@ -1,4 +1,4 @@
-"""Everything that `phalanx up` runs: a swarm, the front end, sessions, the pages, and a broker if one is wanted."""
+"""Run the parts of `phalanx up`: a swarm, the front end, sessions, the pages, and a broker if requested."""
 
 from __future__ import annotations
 
@@ -46,48 +46,48 @@ log = logging.getLogger(__name__)
 DEFAULT_PORT = 8080
 MANY_FILES = 16_384
 RESUME_S = 8 * 3600
-RESUME_PLAIN_S = 3600  # on plain http another machine may have this address later
+RESUME_PLAIN_S = 3600  # shorter on plain http: another machine may get this address later
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UpOptions:
-    """What to run. Raises: UsageError: options do not go together."""
+    """What to run. Raises: UsageError: incompatible options."""
 
-    host: str = LOOPBACK  # address to listen on for visitors; 0.0.0.0 for every one
+    host: str = LOOPBACK  # address to listen on for visitors; 0.0.0.0: all interfaces
     port: int | None = None  # of the visitors' page and its websocket; None for 8080 or any free one, 0 for any
-    # Where visitors find our page, if not at this machine's address: behind a proxy that speaks https, say.
+    # Address of the visitors' page, if it is not this machine's, such as that of an https proxy.
     page_url: str = ""
-    tls: tuple[Path, Path] | None = None  # certificate and key: the page speaks https
-    behind_proxy: bool = False  # X-Forwarded-For has visitors' addresses
+    tls: tuple[Path, Path] | None = None  # certificate and key, to serve https
+    behind_proxy: bool = False  # take visitors' addresses from X-Forwarded-For
     assign: Assign = "free"  # who drives which robot
-    turn_s: float = 120.0  # with one robot each, while others wait
-    state: Path | None = None  # folder of visitors, tickets and the trail; None: they end with the gateway
-    state_is_optional: bool = False  # if that folder cannot be had, nothing is kept
-    wifi: Wifi | None = None  # that phones join first
+    turn_s: float = 120.0  # length of a turn with one-each, while others wait
+    state: Path | None = None  # folder of visitors, tickets and the trail; None: in memory
+    state_is_optional: bool = False  # keep state in memory if that folder is unavailable
+    wifi: Wifi | None = None  # network that phones join first
     operator_port: int = 0  # of the operator's page; 0 for any free one
     operator_token: str = field(default="", repr=False)  # of the operator's page; "" for a new one
-    stop_file: Path | None = None  # is there while the operator has stopped all robots: a restart does not free them
-    revive_s: float | None = None  # simulated robots that were stopped begin anew after so long
-    duration_s: float | None = None  # end by itself after so long
+    stop_file: Path | None = None  # exists while all robots are stopped: a restart keeps them stopped
+    revive_s: float | None = None  # restart stopped simulated robots after this time
+    duration_s: float | None = None  # end after this time
     # --- a broker ---
-    broker: str = ""  # for visitors who do not reach this machine: mosquitto or a URL
-    broker_ws: str = ""  # websocket URL of a broker elsewhere, where it is not one port further
-    login: Login | None = None  # for a broker elsewhere
+    broker: str = ""  # for visitors who cannot reach this machine: mosquitto or a URL
+    broker_ws: str = ""  # websocket URL of an external broker, if not at the next port
+    login: Login | None = None  # for an external broker
     wait_s: float = 30.0  # for the broker
-    qrkey: bool = False  # serve published pages and programs there as well
-    frontend: str = ""  # page of the published form to send visitors to, instead of ours
+    qrkey: bool = False  # also serve published pages and programs there
+    frontend: str = ""  # published page to which the code leads, instead of ours
     link: LinkConfig = field(default_factory=LinkConfig)  # the parameters of mode qrkey; root: of sessions as well
 
     def __post_init__(self) -> None:
         for page in (self.frontend, self.page_url):
             if page and (urlsplit(page).scheme not in ("http", "https") or urlsplit(page).fragment):
-                raise UsageError(f"{page!r} is not a page", "an http:// or https:// URL without a fragment")
+                raise UsageError(f"{page!r} is not a page", "use an http:// or https:// URL without a fragment")
         if self.port and self.port == self.operator_port:
-            raise UsageError(f"port {self.port} for both pages", "--port and --operator-port are two")
+            raise UsageError(f"port {self.port} for both pages", "use different ones for --port and --operator-port")
         if self.qrkey and not self.broker:
-            raise UsageError("--qrkey without a broker", "--broker URL, or --broker mosquitto")
+            raise UsageError("--qrkey without a broker", "add --broker URL, or --broker mosquitto")
         if self.qrkey and self.assign != "free":
-            raise UsageError(f"--assign {self.assign} with --qrkey, whose visitors are nobody", "leave one out")
+            raise UsageError(f"--assign {self.assign} with --qrkey", "leave one out: its visitors are anonymous")
 
     def session_config(self, broker: str = "") -> SessionConfig:
         """Return the parameters of sessions, with a broker's URL for visitors if there is one."""
@@ -101,13 +101,13 @@ class UpOptions:
         )
 
     def page_at(self, port: int) -> str:
-        """Return where visitors find the page, which listens at a port."""
+        """Return the address of the visitors' page, given its port."""
         if self.page_url:
             return self.page_url
         return self._at(self.advertised, port)
 
     def link_at(self, port: int) -> str:
-        """Return where a page of this machine finds the websocket: past a proxy, unless a certificate names a host."""
+        """Return the websocket's address for a page on this machine: without the proxy, unless with a certificate."""
         here = LOOPBACK if self.host in EVERYWHERE else self.host
         page = self.page_at(port) if self.tls else self._at(here, port)
         return f"ws{page.removeprefix('http').rstrip('/')}{LINK_PATH}"
@@ -117,10 +117,10 @@ class UpOptions:
 
     @property
     def unreachable(self) -> str:
-        """Return why phones cannot reach this machine, though they are to; "" if they can."""
+        """Return why phones cannot reach this machine although they should; "" if they can."""
         if self.page_url or self.broker or self.host not in EVERYWHERE or self.advertised != LOOPBACK:
             return ""
-        return "This machine is on no network: phones cannot reach it."
+        return "This machine has no network connection: phones cannot reach it."
 
     @property
     def advertised(self) -> str:
@@ -135,13 +135,13 @@ async def up(
     *,
     swarm: Callable[[], Swarm],
 ) -> None:
-    """Run a gateway until cancelled, or for as long as the options say.
+    """Run a gateway until cancelled, or for the duration in the options.
 
-    `say` gets every event; the first of a running gateway is "ready", before it perhaps "waiting", and "held" or
-    "released". Before a broker is waited for `started` has the gateway, so that it can be stopped. The robots are made
-    after all that can be wrong.
+    `say` receives every event: perhaps "waiting", then "ready", then others, such as "held" and "released". `started`
+    receives the gateway before it waits for a broker, so that robots can be stopped. `swarm` is called after all
+    checks.
 
-    Raises: UsageError, Unavailable: a bad option, a port in use, a folder in use, a broker that refuses us.
+    Raises: UsageError, Unavailable: an invalid option, a port or folder in use, a broker that refuses us.
     """
     token = options.operator_token or secrets.token_hex(16)
     allow_files(MANY_FILES)
@@ -183,7 +183,7 @@ async def up(
         desk = MissionDesk(robots) if isinstance(robots, OnMission) else None
         if desk:
             stack.callback(desk.stop)
-        # Before the page that has the button: a stop must not wait until a broker is reached.
+        # Before the page with the button: a stop must not wait for the broker.
         stack.enter_context(running.gateway.brakes)
         if desk:
             running.desk.slow |= requests_of(desk)
@@ -205,7 +205,7 @@ async def up(
 
 
 def _broker(options: UpOptions) -> AbstractAsyncContextManager[RunningBroker]:
-    """Start a broker of ours, or use another. Raises, when entered: UsageError, Unavailable."""
+    """Start our own broker, or use an external one. Raises, when entered: UsageError, Unavailable."""
     host = LOOPBACK if options.host == "localhost" else options.host
     return open_broker(options.broker, login=options.login, websocket=options.broker_ws, ws_host=host)
 

@@ -1,4 +1,4 @@
-"""Who visits, and who drives. In mode qrkey nobody proves who they are: these are the ids that visitors say."""
+"""Active visitors and drivers. In mode qrkey identities are unproven: the ids are those that clients send."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-FORGET_AFTER_S = 150.0  # published pages ask when they are told to reload
+FORGET_AFTER_S = 150.0  # published pages send requests after each reload notification
 NOTIFIED_FOR_S = 600.0
 LIMIT = 1000
-DRIVES_FOR_S = 0.5  # a joystick speaks ten times a second
-MOST_DRIVERS = 4  # of a robot: a visitor may invent names without end, and all must fit an update
+DRIVES_FOR_S = 0.5  # a joystick sends ten commands a second
+MOST_DRIVERS = 4  # per robot: visitors can invent names, and all must fit an update
 OURS = re.compile("phalanx_[0-9a-f]{16}")
 SHOWN = 6
 
@@ -29,7 +29,7 @@ class Visitor:
 
 
 class Visitors:
-    """The visitors of late."""
+    """Recently active visitors."""
 
     def __init__(self) -> None:
         self._seen: OrderedDict[str, Visitor] = OrderedDict()
@@ -37,27 +37,27 @@ class Visitors:
         self._secret = os.urandom(16)
 
     def shown(self, client_id: str) -> str:
-        """What the operator's page calls a visitor: too little to ask for its answers, for whoever reads it there.
+        """Return the name of a visitor on the operator's page, which must not reveal the client id.
 
-        Of ours the end, by which it is named where it drives too: forty bits more have to be guessed. Published clients
-        have short ones, and are shown by another name.
+        Of our ids the last characters are shown, which leaves forty bits to guess. Published clients have short ids, so
+        they are shown under another name.
         """
         if OURS.fullmatch(client_id):
             return f"phalanx…{client_id[-SHOWN:]}"
         return f"visitor {hmac.new(self._secret, client_id.encode(), 'sha256').hexdigest()[:SHOWN]}"
 
     def asked(self, client_id: str, uptime_s: float) -> None:
-        """A request was heard."""
+        """Record a request."""
         visitor = self._seen.pop(client_id, None) or Visitor(client_id, uptime_s)
         visitor.seen_at_s = uptime_s
         visitor.requests += 1
         self._seen[client_id] = visitor
-        if len(self._seen) > LIMIT:  # a visitor may invent ids without end
+        if len(self._seen) > LIMIT:  # visitors can invent ids
             self._seen.popitem(last=False)
         self._until_s = uptime_s + NOTIFIED_FOR_S
 
     def present(self, uptime_s: float) -> list[Visitor]:
-        """Those seen lately, the latest first."""
+        """Return recently active visitors, latest first."""
         for gone in [v.client_id for v in self._seen.values() if v.seen_at_s + FORGET_AFTER_S < uptime_s]:
             del self._seen[gone]
         return list(reversed(self._seen.values()))
@@ -68,10 +68,10 @@ class Visitors:
 
 
 class Drivers:
-    """Keep who drives which robot, so that everybody sees it, and two who share one know why it does not obey.
+    """Names of those who drive each robot, for all pages: two who share a robot see why it does not obey.
 
     Args:
-        assigned: returns the names of those who have robots by their sessions, by address; others drive by joystick.
+        assigned: returns the names of visitors who have robots by their sessions, by address; others use joysticks.
     """
 
     def __init__(self, assigned: Callable[[], Mapping[str, str]] = dict) -> None:
@@ -80,23 +80,23 @@ class Drivers:
         self._told: dict[str, list[str]] = {}
 
     def drives(self, address: str, by: str, uptime_s: float) -> None:
-        """A joystick's command was heard; `by` is a nickname, or "" in mode qrkey."""
+        """Record a joystick command; `by` is a nickname, or "" in mode qrkey."""
         drivers = self._until.setdefault(address, {})
         if by in drivers or len(drivers) < MOST_DRIVERS:
             drivers[by] = uptime_s + DRIVES_FOR_S
 
     def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
-        """`drivers` of the next frame: of each robot for which they changed."""
-        now = {a: {by: until for by, until in who.items() if until > uptime_s} for a, who in self._until.items()}
-        self._until = {address: who for address, who in now.items() if who}
-        before, self._told = self._told, {address: sorted(who) for address, who in self._until.items()}
+        """Return `drivers` of the next update: the robots whose drivers changed."""
+        now = {a: {by: until for by, until in names.items() if until > uptime_s} for a, names in self._until.items()}
+        self._until = {address: names for address, names in now.items() if names}
+        before, self._told = self._told, {address: sorted(names) for address, names in self._until.items()}
         for address, name in self._assigned().items():
             others = [by for by in self._told.get(address, ()) if by != name]
             self._told[address] = [name, *others][:MOST_DRIVERS]
-        changed = [a for a, who in self._told.items() if who != before.get(a)]
+        changed = [a for a, names in self._told.items() if names != before.get(a)]
         changed += [a for a in before if a not in self._told]
         return {"drivers": [[number(address), self._told.get(address, [])] for address in changed]}
 
     def in_list(self) -> dict[str, dict[str, Any]]:
-        """Return what an answer to request 0 says of each robot beside the rest, by address: as frames said it."""
-        return {address: {"drivers": who} for address, who in self._told.items()}
+        """Return the drivers in answers to request 0, by address, as in the last update."""
+        return {address: {"drivers": names} for address, names in self._told.items()}

@@ -1,7 +1,6 @@
-"""PyDotBot's words: commands parsed into checked values, robots told as PyDotBot tells them.
+"""PyDotBot's message formats: parse commands into checked values, and encode robots as PyDotBot does.
 
-Only this file knows the names of fields (docs/spec/vocabulary.md). Peers' values come out whole and in range, or as
-`BadPayload`.
+Only this file contains the names of fields (docs/spec/vocabulary.md). Invalid values of peers raise `BadPayload`.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ REQUEST_ROBOTS = 0
 REQUEST_AREA = 1
 REQUEST_WALLS = 2
 REQUEST_LIT = 3
-# Over a session.
+# Names of these requests in sessions.
 REQUEST_NAMES = {REQUEST_ROBOTS: "robots", REQUEST_AREA: "area", REQUEST_WALLS: "walls", REQUEST_LIT: "lit"}
-WHEEL_LIMIT = 128  # what a signed byte holds
+WHEEL_LIMIT = 128  # range of a signed byte
 MAX_WAYPOINTS = 64
 THRESHOLD_MM = (1, 1000)
 QUIET_AFTER_S = 5.0
 LOST_AFTER_S = 60.0
-POINT_BYTES = 34  # of a point in a trail, as JSON
+POINT_BYTES = 34  # length of a point in a trail, as JSON
 
 
 class Notice(IntEnum):
-    """`cmd` of a notification."""
+    """The field `cmd` of a notification."""
 
     RELOAD = 1
     UPDATE = 2
@@ -42,7 +41,7 @@ class Notice(IntEnum):
 
 
 class Status(IntEnum):
-    """How long ago a robot was heard."""
+    """How recently a robot was heard."""
 
     ACTIVE = 0
     INACTIVE = 1
@@ -51,7 +50,7 @@ class Status(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MoveRaw:
-    """Wheels, -100..100 percent."""
+    """Speeds of the wheels, -100 to 100 percent."""
 
     left_pct: int
     right_pct: int
@@ -59,27 +58,27 @@ class MoveRaw:
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """A route; () stops."""
+    """A route; () stops the robot."""
 
     points: tuple[Point, ...]
     threshold_mm: float
 
 
 def parse_move_raw(payload: Any) -> MoveRaw:
-    """Wheel commands of a joystick. Raises: BadPayload."""
+    """Parse the wheel speeds of a joystick. Raises: BadPayload."""
     left, right = (_number(payload, key, -WHEEL_LIMIT, WHEEL_LIMIT) for key in ("left_y", "right_y"))
     left_pct, right_pct = (max(-100, min(100, round(value))) for value in (left, right))
     return MoveRaw(left_pct, right_pct)
 
 
 def parse_rgb_led(payload: Any) -> Led:
-    """A colour. Raises: BadPayload."""
+    """Parse a colour. Raises: BadPayload."""
     red, green, blue = (round(_number(payload, key, 0, 255)) for key in ("red", "green", "blue"))
     return Led(red, green, blue)
 
 
 def parse_waypoints(payload: Any, area_mm: tuple[int, int], longest: int = MAX_WAYPOINTS) -> Waypoints:
-    """A route of at most `longest` points inside the area. Raises: BadPayload."""
+    """Parse a route of at most `longest` points inside the area. Raises: BadPayload."""
     threshold = _number(payload, "threshold", *THRESHOLD_MM)
     points = payload["waypoints"] if isinstance(payload.get("waypoints"), list) else None
     if points is None or len(points) > longest:
@@ -92,14 +91,14 @@ def _number(payload: Any, key: str, low: float, high: float) -> float:
     value = payload.get(key) if isinstance(payload, dict) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise BadPayload(f"{key!r} is a number")
-    # Written so that NaN fails; a JSON 1e999 arrives as infinity.
+    # This form rejects NaN; 1e999 in JSON becomes infinity.
     if not low <= value <= high:
         raise BadPayload(f"{key!r} is {low}..{high}")
     return value
 
 
 def status(robot: Robot, now_s: float) -> Status:
-    """Active, quiet or lost."""
+    """Return whether the robot is active, quiet or lost."""
     silent_s = now_s - robot.heard_at_s
     if silent_s >= LOST_AFTER_S:
         return Status.LOST
@@ -107,7 +106,7 @@ def status(robot: Robot, now_s: float) -> Status:
 
 
 def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[str, Any]:
-    """A robot as request 0 tells it; `history` limits the trail to its newest points."""
+    """Return a robot as in answers to request 0; `history` limits the trail to its newest points."""
     length = len(robot.history)
     trail = list(islice(robot.history, max(0, length - history) if history is not None else 0, None))
     return {
@@ -130,7 +129,7 @@ def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[s
 
 
 def tell_robots(robots: Sequence[Robot], now_s: float, wish_bytes: int, limit_bytes: int) -> list[dict[str, Any]]:
-    """The answer to request 0 in one piece, for pages of PyDotBot.
+    """Return the whole answer to request 0, for pages of PyDotBot.
 
     Trails are cut to their newest points so that it is no longer than `wish_bytes`, if that is enough; above
     `limit_bytes` routes are left out, and in the end robots.
@@ -139,7 +138,7 @@ def tell_robots(robots: Sequence[Robot], now_s: float, wish_bytes: int, limit_by
     size = _size(told)
     points = max((len(robot.history) for robot in robots), default=0)
     if points and robots:
-        # Cut first, build then: a thousand points for each of a hundred robots would stop the gateway for a while.
+        # Cut before building: a thousand points for each of a hundred robots would block the gateway for a while.
         points = min(points, max(0, wish_bytes - size) // (len(robots) * POINT_BYTES))
         told = [tell_robot(robot, now_s, points) for robot in robots]
         size = _size(told)
@@ -155,12 +154,12 @@ def _size(told: list[dict[str, Any]]) -> int:
 
 
 def tell_led(led: Led) -> dict[str, int]:
-    """A colour."""
+    """Return a colour as JSON-ready types."""
     return {"red": led.red, "green": led.green, "blue": led.blue}
 
 
 def tell_update(robot: Robot) -> dict[str, Any]:
-    """One robot's move, as pages of PyDotBot read it."""
+    """Return one robot's movement, for pages of PyDotBot."""
     return {
         "address": robot.address,
         "direction": robot.direction_deg,
@@ -170,12 +169,12 @@ def tell_update(robot: Robot) -> dict[str, Any]:
 
 
 def _tell_place(place: Point) -> dict[str, float] | None:
-    # A driver that knows no place says NaN, which is not JSON: one such robot would take the list from everybody.
+    # NaN from a driver means an unknown place. It is not JSON, and would make the whole list invalid.
     if not (math.isfinite(place.x_mm) and math.isfinite(place.y_mm)):
         return None
     return {"x": round(place.x_mm, 1), "y": round(place.y_mm, 1), "z": 0}
 
 
 def tell_places(places: Iterable[Point]) -> list[dict[str, float]]:
-    """Return a trail, or a route, whose first point is where the robot stood."""
+    """Return the points of a trail, or of a route, whose first point is the robot's place when it started."""
     return [told for place in places if (told := _tell_place(place))]

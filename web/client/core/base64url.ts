@@ -1,5 +1,5 @@
-// base64url (RFC 4648 §5), written here because a lenient decoder gives one message many spellings, and each would pass
-// the replay cache or a filter anew. Only the one canonical spelling is read.
+// base64url (RFC 4648 §5), implemented here because lenient decoders accept several encodings of the same bytes, each of
+// which would pass the replay cache or a filter. Only the canonical encoding is accepted.
 
 const ALPHABET = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
 
@@ -8,7 +8,7 @@ for (let i = 0; i < 64; i += 1) VALUE[ALPHABET.charCodeAt(i)] = i;
 
 /** Without padding. */
 export function encodeBase64url(raw: Uint8Array): string {
-  // In pieces: a megabyte joined character by character is slow on a phone.
+  // In chunks: joining a megabyte character by character is slow on a phone.
   const pieces: string[] = [];
   let piece = "";
   for (let i = 0; i < raw.length; i += 3) {
@@ -27,17 +27,17 @@ export function encodeBase64url(raw: Uint8Array): string {
   return pieces.join("");
 }
 
-/** The bytes that `text` (ASCII codes) is the canonical encoding of, or undefined if there are none. */
+/** Decode `text` (ASCII codes); undefined if it is not the canonical encoding of any bytes. */
 export function decodeBase64url(text: Uint8Array): Uint8Array | undefined {
   const tail = text.length % 4;
   if (tail === 1) return undefined;
   const raw = new Uint8Array(Math.floor((text.length * 3) / 4));
-  // Four letters at a time, and whether all of them were some is seen at the end: most of what a page decodes is long.
+  // Four letters at a time, validated at the end: most inputs are long.
   let seen = 0;
   let at = 0;
   for (let i = 0; i < text.length - tail; i += 4) {
     const bits = (valueAt(text, i) << 18) | (valueAt(text, i + 1) << 12) | (valueAt(text, i + 2) << 6) | valueAt(text, i + 3);
-    // Of a letter that is none the value is -1, and so the sign of all.
+    // Invalid letters have the value -1, and make the sign of the whole negative.
     seen |= bits;
     raw[at] = bits >> 16;
     raw[at + 1] = bits >> 8;
@@ -50,13 +50,13 @@ export function decodeBase64url(text: Uint8Array): Uint8Array | undefined {
     seen |= bits;
     raw[at] = bits >> 16;
     if (tail === 3) raw[at + 1] = bits >> 8;
-    // Spare bits that are not zero: another spelling of the same bytes.
+    // Spare bits that are not zero: another encoding of the same bytes.
     if ((bits & (tail === 2 ? 0xffff : 0xff)) !== 0) return undefined;
   }
   return seen < 0 ? undefined : raw;
 }
 
-/** -1 of what is no letter. */
+/** -1 for an invalid letter. */
 function valueAt(text: Uint8Array, i: number): number {
   return VALUE[text[i] ?? 0] ?? -1;
 }

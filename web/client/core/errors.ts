@@ -1,14 +1,14 @@
-// What a peer can get wrong, by the reasons of docs/spec/session.md.
+// Errors, with the reasons of docs/spec/session.md.
 //
-// A PeerError is expected, counted by its reason and survived: none ever leaves a session. A UsageError is ours to mend.
+// A PeerError is expected, counted by its reason and tolerated: none leaves a session. A UsageError is a bug of ours.
 
-/** Bytes from outside are wrong. */
+/** Data from outside is invalid. */
 export class PeerError extends Error {
   readonly reason: string = "peer_error";
   override readonly name: string = "PeerError";
 }
 
-/** We, or the person at the page, gave a value that cannot be used. */
+/** The page, or its user, gave an unusable value. */
 export class UsageError extends Error {
   override readonly name: string = "UsageError";
 }

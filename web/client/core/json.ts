@@ -1,4 +1,4 @@
-// JSON from a peer: parsed strictly, and typed so that nothing inside is used before it was looked at.
+// JSON from a peer: parsed strictly, and typed so that nothing is used before validation.
 
 import { BadPayload } from "./errors";
 
@@ -7,20 +7,20 @@ export interface JsonObject {
   readonly [key: string]: Json | undefined;
 }
 
-// The vocabulary nests six deep. Parsers differ in how deep they can go, and some run out of stack instead of refusing.
+// The vocabulary nests six deep. Parsers have different limits, and some overflow the stack instead of refusing.
 const DEEPEST = 200;
 
 // ignoreBOM keeps the mark in the text, where JSON.parse refuses it, as other languages' parsers do.
 const utf8 = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
 
-/** The value in `plaintext`. @throws BadPayload: not UTF-8, not JSON, nested too deep. */
+/** Parse `plaintext`. @throws BadPayload: not UTF-8, not JSON, nested too deep. */
 export function parseJson(plaintext: Uint8Array): Json {
   try {
     const text = utf8.decode(plaintext);
     refuseDepthAndTwins(text);
     return JSON.parse(text) as Json;
   } catch {
-    // JSON.parse quotes what it read: that message must not travel on.
+    // JSON.parse quotes its input: that message must not be passed on.
     throw new BadPayload("not JSON");
   }
 }
@@ -29,7 +29,7 @@ export function isObject(value: unknown): value is JsonObject {
   return typeof value === "object" && value !== null && !Array.isArray(value);
 }
 
-/** Whatever else is wrong JSON.parse finds; but it would go too deep, and of two values of one key take the last. */
+/** Refuse deep nesting and duplicate keys, which JSON.parse would accept. */
 function refuseDepthAndTwins(text: string): void {
   const open: Set<string>[] = [];
   let from = 0;

@@ -1,21 +1,21 @@
-// A constant rate: from the first command on a slot is taken every 100 ms, until nothing is held and nothing was said.
+// A constant rate: from the first command, one slot every 100 ms, until no robot is held and nothing was sent for a while.
 
 import { SLOT_MS, Slots } from "../session";
 
-/** Whoever says nothing more frees its place in the rate. */
+/** A client without commands leaves the constant rate after this time. */
 const LINGER_MS = 1000;
 
 /** What the rate needs of a session. */
 export interface Speaker {
-  /** Whether anything can be said now. */
+  /** Whether records can be sent now. */
   isJoined(): boolean;
-  /** Whether a robot is held: then something is said in every slot. */
+  /** Whether a robot is held: then every slot is used. */
   holds(): boolean;
-  /** Say that nothing is to be said: that is as long as a command. */
+  /** Send an empty record, as long as a command. */
   alive(now_ms: number): void;
 }
 
-/** One client's slots, and the clock that takes them. */
+/** One client's slots, and their timer. */
 export class Beat {
   readonly slots = new Slots();
   readonly #speaker: Speaker;
@@ -26,17 +26,17 @@ export class Beat {
     this.#speaker = speaker;
   }
 
-  /** Whether slots are taken: then all that is said waits for one. */
+  /** Whether slots are running: then all records wait for one. */
   get isBeating(): boolean {
     return this.#beating !== undefined;
   }
 
-  /** Take the first slot now, unless slots are taken already. */
+  /** Use the first slot now, unless slots are running. */
   start(): void {
     if (this.#beating === undefined) this.take();
   }
 
-  /** Take a slot now: the next one may never come. */
+  /** Use a slot now: the next one may never come. */
   take(): void {
     if (!this.#speaker.isJoined()) {
       this.#pause();
@@ -54,7 +54,7 @@ export class Beat {
     else this.#speaker.alive(now_ms);
   }
 
-  /** Forget what waits: the session is over, or was lost. */
+  /** Drop waiting records: the session is over or lost. */
   stop(): void {
     this.#pause();
     this.slots.clear();

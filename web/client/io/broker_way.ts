@@ -1,4 +1,4 @@
-// A session's topics on a broker that nobody trusts. Loaded only if a code names one: mqtt.js is larger than all the rest.
+// A session over an untrusted broker. Loaded only if a code names one: mqtt.js is the largest part.
 
 import type { MqttClient } from "mqtt";
 import type { Where } from "../session";
@@ -14,7 +14,7 @@ export class BrokerWay implements Way {
   #topics: readonly string[] = [];
   #reason = "";
 
-  /** Connects once: a session that lost it dials again, and resumes. */
+  /** Connects once: after a loss, the session connects again and resumes. */
   constructor({ broker, root, mqtt }: Where) {
     this.#root = root;
     this.#mqtt = connectTo(broker, mqtt, { reconnectPeriod: 0 });
@@ -36,7 +36,7 @@ export class BrokerWay implements Way {
   send(data: Uint8Array, topic: string): void {
     if (!this.isOpen) return;
     this.#mqtt.publish(`${this.#root}/${topic}`, data as Buffer, { qos: 0, retain: false }, ignore);
-    // At once, not with the next timer: a page that is being closed has none.
+    // Immediately, not in a timer: a page that is being closed runs none.
     this.#mqtt.stream.uncork();
   }
 
@@ -44,14 +44,14 @@ export class BrokerWay implements Way {
     const wanted = topics.map((each) => `${this.#root}/${each}`);
     const [added, left] = [difference(wanted, this.#topics), difference(this.#topics, wanted)];
     this.#topics = wanted;
-    // A broker works off what one client asks in its order: what is published next finds these.
+    // A broker handles a client's packets in order: these subscriptions precede the next publication.
     if (added.length > 0) this.#mqtt.subscribe(added, { qos: 0 }, (denied) => denied && this.#mqtt.stream.destroy());
     if (left.length > 0) this.#mqtt.unsubscribe(left, ignore);
   }
 
   close(): void {
     this.onOpen = this.onMessage = this.onClose = () => {};
-    // What was said last shall leave.
+    // Let the last messages be sent.
     this.#mqtt.end();
   }
 }

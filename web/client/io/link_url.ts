@@ -1,4 +1,4 @@
-// Where the websocket of this page's swarm is.
+// Address of the websocket of this page's swarm.
 
 /** The websocket beside this page, also below a path of a reverse proxy. */
 export function linkUrl(href: string, path = "link"): string {

@@ -1,10 +1,10 @@
-// Requests that wait for their answers, or for their slot before.
+// Requests that wait for answers, or for their slot.
 
 import type { Json } from "../core/json";
 import { Unanswered } from "./transport";
 
 interface Waiting {
-  /** One of those that say what the swarm is; undefined: another. */
+  /** Number of a request for the swarm's state; undefined for others. */
   readonly request: number | undefined;
   readonly resolve: (data: Json) => void;
   readonly reject: (error: Error) => void;
@@ -15,8 +15,8 @@ export class Requests {
   readonly #waiting = new Map<number, Waiting>();
 
   /**
-   * The data of the answer. `send` sends the request, at once or later, and calls `sent` with its number first; it returns
-   * false if too much waits to be sent. @throws Unanswered (the promise)
+   * Return the data of the answer. `send` sends the request, now or later, and calls `sent` with its number first; it returns
+   * false if too many wait. @throws Unanswered (the promise)
    */
   open(request: number | undefined, timeout_ms: number, send: (sent: (number: number) => void) => boolean): Promise<Json> {
     return new Promise((resolve, reject) => {
@@ -35,7 +35,7 @@ export class Requests {
     });
   }
 
-  /** Take out the request that is answered now. */
+  /** Remove the answered request. */
   settle(number: number): Waiting | undefined {
     const waiting = this.#waiting.get(number);
     this.#waiting.delete(number);
@@ -43,7 +43,7 @@ export class Requests {
     return waiting;
   }
 
-  /** The connection was lost: nothing answers what was asked. */
+  /** The connection was lost: open requests get no answer. */
   lose(): void {
     for (const number of [...this.#waiting.keys()]) this.settle(number)?.reject(new Unanswered("the connection was lost"));
   }

@@ -1,16 +1,16 @@
-// Where a page keeps the secret to resume with, by the swarm's public key.
+// Stores the secrets to resume with, by the swarm's public key.
 //
-// On https for as long as the server says, in all tabs of this origin. On plain http for an hour and in this tab alone:
-// another network may use the same address for another machine, whose page could read it.
+// On https as long as the server allows, in all tabs of this origin. On plain http for an hour and in this tab only:
+// in another network, another machine may have the same address, and its page could read the secret.
 
 import { decodeBase64url, encodeBase64url } from "../core/base64url";
 import { checkWhere, Secret, type Where } from "../session";
 
-/** Of visitors; an operator on the same origin has another. */
+/** Key prefix of visitors; operators on the same origin have another. */
 const PREFIX = "phalanx.session.";
 const HTTP_MAX_S = 3600;
 const SECRET_BYTES = 32;
-/** By which a clock may be set back without a reason to distrust it. */
+/** Tolerance for a clock that was set back. */
 const CLOCK_S = 60;
 
 export interface Kept {
@@ -18,11 +18,11 @@ export interface Kept {
   readonly at: Where;
   readonly secret: Secret;
   readonly name: string;
-  /** Which tab has kept it. */
+  /** The tab that stored it. */
   readonly tab: string;
 }
 
-/** What is used of the browser: passed in, so that it can be tested without one. */
+/** The browser's objects in use: passed in for tests. */
 export interface Stores {
   readonly isSecure: boolean;
   readonly local: Storage | undefined;
@@ -52,16 +52,16 @@ export class ResumeStore {
     try {
       this.#storage?.setItem(this.#prefix + encodeBase64url(fixed), JSON.stringify(words));
     } catch {
-      // Full or forbidden: a reload has to scan again, and nothing else is lost.
+      // Full or forbidden: after a reload the visitor has to scan again.
     }
   }
 
-  /** The secret for this swarm, unless its time is over. */
+  /** The secret for this swarm, unless expired. */
   find(fixed: Uint8Array, now_s: number): Kept | undefined {
     return this.#read(this.#prefix + encodeBase64url(fixed), now_s)?.kept;
   }
 
-  /** Of the swarm that was visited last on this origin. */
+  /** The secret of the swarm visited last on this origin. */
   newest(now_s: number): Kept | undefined {
     const all = this.#keys().flatMap((key) => this.#read(key, now_s) ?? []);
     return all.sort((a, b) => b.kept_s - a.kept_s)[0]?.kept;
@@ -82,12 +82,12 @@ export class ResumeStore {
       const at = words["at"] as Where;
       checkWhere(at);
       const isTime = typeof kept_s === "number" && typeof until_s === "number";
-      // A clock that was set back must not make it live longer than it may.
+      // A clock that was set back must not extend its validity.
       const isValid = isTime && kept_s <= now_s + CLOCK_S && now_s < until_s;
       if (isValid && secret?.length === SECRET_BYTES && fixed?.length === SECRET_BYTES)
         return { kept: { fixed, at, secret: new Secret("resume", secret), name: String(name), tab: String(tab) }, kept_s };
     } catch {
-      // Spoilt: as below.
+      // Malformed: removed below.
     }
     this.#remove(key);
     return undefined;
@@ -107,7 +107,7 @@ export class ResumeStore {
     try {
       this.#storage?.removeItem(key);
     } catch {
-      // Forbidden: nothing was kept either.
+      // Forbidden: nothing was stored either.
     }
   }
 }
@@ -116,7 +116,7 @@ function bytesOf(text: unknown): Uint8Array | undefined {
   return typeof text === "string" ? decodeBase64url(new TextEncoder().encode(text)) : undefined;
 }
 
-/** Of this page. */
+/** The storage of this page. */
 export function browserStores(): Stores {
   return { isSecure: location.protocol === "https:", local: storageOf("localStorage"), tab: storageOf("sessionStorage") };
 }
@@ -125,7 +125,7 @@ function storageOf(which: "localStorage" | "sessionStorage"): Storage | undefine
   try {
     return window[which];
   } catch {
-    // Reading the property throws where site data is forbidden.
+    // Reading the property throws if site data is forbidden.
     return undefined;
   }
 }

@@ -1,6 +1,6 @@
-// A session over a websocket or a broker: connects, joins or resumes, renews keys, and says commands at a constant rate.
+// A session over a websocket or a broker: connects, joins or resumes, renews keys, and sends commands at a constant rate.
 //
-// While the connection is away nothing is queued: a joystick's command that arrives late is worse than none.
+// Nothing is queued while disconnected: a late joystick command is worse than none.
 
 import { bytesToHex, randomBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { PeerError, UsageError } from "../core/errors";
@@ -14,14 +14,14 @@ import type { ResumeStore } from "./resume_store";
 import { Refused, type Transport, type TransportEvent, Unanswered } from "./transport";
 import { REFUSED_LOGIN, type Way, WebsocketWay } from "./websocket_way";
 
-/** Who wants to join which swarm, and where. */
+/** A swarm to join, and the secret to join with. */
 export interface SessionTo {
-  /** Of the websocket, unless `at` names a broker. */
+  /** URL of the websocket, unless `at` names a broker. */
   readonly url: string;
   readonly at: Where;
   /** The swarm's public key. */
   readonly fixed: Uint8Array;
-  /** Of a code; undefined to resume only. */
+  /** Secret of a code; undefined to resume only. */
   readonly invitation: Secret | undefined;
   readonly name: string;
 }
@@ -31,11 +31,11 @@ const REQUESTS = ["robots", "area", "walls", "lit"];
 const TICK_MS = 1000;
 const OPEN_MS = 5000;
 const RETRY_MS = [300, 1000, 2000, 4000];
-/** What a server says when it closes a websocket instead of an answer: nobody vouches for it, so it is asked again. */
+/** Close reasons of a websocket instead of an answer: they are unauthenticated, so the client retries. */
 const SAID_INVALID = ["unknown_secret", "not_authentic"];
 const SAID_TOO_MANY = ["tries_used_up", "too_many"];
 const REFUSALS = 2;
-/** A request with more is longer than a command, and shows anyway. */
+/** A longer request exceeds the size of a command, and is visible anyway. */
 const SHORT_BYTES = 64;
 
 export class SessionConnection implements Transport {
@@ -49,7 +49,7 @@ export class SessionConnection implements Transport {
     alive: (now_ms) => this.#carry(this.#session ? [this.#session.alive(now_ms)] : []),
   });
   readonly #ticking: ReturnType<typeof setInterval>;
-  /** What to try in turn, the first one now. */
+  /** Secrets to try in turn, the current one first. */
   #secrets: Secret[];
   #refusals = 0;
   #retries = 0;
@@ -62,11 +62,11 @@ export class SessionConnection implements Transport {
   #visit: Visit = NO_VISIT;
   #asked = 0;
   #isHidden = false;
-  /** Whose the stored secret is: the tab's that used it last. */
+  /** Id of this tab: the stored secret belongs to the tab that used it last. */
   readonly #tab = bytesToHex(randomBytes(8));
   #wasHere = false;
 
-  /** Connects at once, and again whenever the connection is lost, until it is over or close(). */
+  /** Connects at once, and again whenever the connection is lost, until it is over or close() is called. */
   constructor(to: SessionTo, store: ResumeStore, dial: () => Way = () => new WebsocketWay(to.url)) {
     this.#to = to;
     this.#store = store;
@@ -84,7 +84,7 @@ export class SessionConnection implements Transport {
     return this.#visit;
   }
 
-  /** How many messages were refused, by reason. */
+  /** Number of refused messages, by reason. */
   get rejected(): ReadonlyMap<string, number> {
     return this.#session?.rejected ?? new Map<string, number>();
   }
@@ -105,7 +105,7 @@ export class SessionConnection implements Transport {
     if (stop) slots.stop(saying);
     else if (name === "move_raw") slots.hold(saying, performance.now());
     else if (!slots.put(saying)) return false;
-    // A page that is put aside may never have another slot.
+    // A hidden page may never get another slot.
     if (stop && this.#isHidden) this.#beat.take();
     else this.#beat.start();
     return true;
@@ -117,7 +117,7 @@ export class SessionConnection implements Transport {
     return this.#ask(name, new Uint8Array(0), timeout_ms, request);
   }
 
-  /** The data of the answer to an operator's request. @throws Refused, Unanswered (the promise) */
+  /** Return the answer to an operator's request. @throws Refused, Unanswered (the promise) */
   ask(name: string, words: object = {}, timeout_ms = 3000): Promise<Json> {
     return this.#ask(name, utf8ToBytes(JSON.stringify(words)), timeout_ms);
   }
@@ -132,7 +132,7 @@ export class SessionConnection implements Transport {
         this.#carry([event]);
       };
       this.#asked += 1;
-      // An operator's stop waits for nothing, and everybody sees the robots stand still.
+      // An operator's stop is sent without waiting for a slot: everybody sees the robots stop anyway.
       const isPaced = payload.length <= SHORT_BYTES && name !== "stop" && this.#beat.isBeating;
       if (isPaced) return this.#beat.slots.put({ robot: "", name: `${name} ${this.#asked}`, say });
       say(performance.now());
@@ -160,7 +160,7 @@ export class SessionConnection implements Transport {
     if (this.#visit.stage !== "over") this.#connect();
   }
 
-  /** Try again after it was over, with what is known now. */
+  /** Retry after it was over, with the secrets known now. */
   again(): void {
     this.#secrets = this.#known();
     this.#refusals = 0;
@@ -175,7 +175,7 @@ export class SessionConnection implements Transport {
     this.#hangUp();
   }
 
-  /** A ticket or a room code says more than who was here before; an open code says less. */
+  /** A ticket or a room code takes precedence over the stored secret; an open code does not. */
   #known(): Secret[] {
     const { fixed, invitation } = this.#to;
     const resume = this.#store.find(fixed, now_s())?.secret;
@@ -186,7 +186,7 @@ export class SessionConnection implements Transport {
   #connect(): void {
     this.#hangUp();
     const kept = this.#store.find(this.#to.fixed, now_s());
-    // Two tabs that take turns in resuming would end each other's sessions without end.
+    // Two tabs that resume in turn would end each other's sessions for ever.
     if (this.#wasHere && kept && kept.tab !== this.#tab) {
       this.#end("replaced");
       return;
@@ -202,7 +202,7 @@ export class SessionConnection implements Transport {
     this.#way = way;
     this.#session = session;
     this.#opening = setTimeout(() => this.#lost("offline"), OPEN_MS);
-    // What a connection says that was given up means nothing any more.
+    // Events of an abandoned connection are ignored.
     way.onOpen = () => {
       if (this.#way !== way) return;
       clearTimeout(this.#opening);
@@ -219,17 +219,17 @@ export class SessionConnection implements Transport {
     };
   }
 
-  /** The server does not know the secret, or says so. */
+  /** The server does not know the secret, or claims so. */
   #refuse(): void {
     this.#refusals += 1;
-    // Each try of a room code counts against everybody at this address.
+    // Each attempt with a room code counts against everybody at this address.
     const most = this.#secrets[0]?.kind === "room" ? 1 : REFUSALS;
     if (this.#refusals >= most) this.#drop();
     if (this.#secrets.length > 0) this.#lost("connecting");
     else this.#end("code");
   }
 
-  /** What is tried now is valid no longer. */
+  /** The current secret is no longer valid. */
   #drop(): void {
     const [dead] = this.#secrets.splice(0, 1);
     this.#refusals = 0;
@@ -240,7 +240,7 @@ export class SessionConnection implements Transport {
     this.#hangUp();
     this.#show({ stage: "joining" });
     this.#setState(state);
-    // A page that nobody sees has slow timers: each connection would be lost again.
+    // Hidden pages have slow timers: each connection would be lost again.
     if (this.#isHidden) return;
     const wait_ms = RETRY_MS[Math.min(this.#retries, RETRY_MS.length - 1)] ?? 0;
     this.#retries += 1;
@@ -348,7 +348,7 @@ export class SessionConnection implements Transport {
         else this.#end("code");
         return;
       case undefined:
-        // On a broker nobody says that a secret is void: it may be the other one.
+        // A broker does not report invalid secrets: try the next one.
         if (this.#to.at.broker !== "" && !this.#wasHere) this.#secrets.push(...this.#secrets.splice(0, 1));
         this.#lost("no_answer");
         return;
@@ -385,7 +385,7 @@ export class SessionConnection implements Transport {
   }
 }
 
-/** The joystick was let go. */
+/** Whether the joystick was released. */
 function isRest(payload: unknown): boolean {
   const { left_y, right_y } = payload as { readonly left_y?: unknown; readonly right_y?: unknown };
   return left_y === 0 && right_y === 0;

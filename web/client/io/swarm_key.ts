@@ -1,11 +1,11 @@
-// The swarm's public key, as the page's own origin says it: for room codes, which are too short to hold one.
+// The swarm's public key, from the page's own origin: for room codes, which are too short to contain one.
 
 import { decodeBase64url } from "../core/base64url";
 
 const KEY_BYTES = 32;
 const ANSWER_WITHIN_MS = 5000;
 
-/** Undefined: no answer, or this origin admits nobody by a room code. */
+/** Undefined: no answer, or this origin accepts no room codes. */
 export async function fetchSwarmKey(href: string): Promise<Uint8Array | undefined> {
   try {
     const answer = await fetch(new URL("link-key", href), {

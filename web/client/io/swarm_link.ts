@@ -1,4 +1,4 @@
-// A connection that keeps the swarm's state: it asks when it must, and tells listeners when something changed.
+// A connection that maintains the swarm's state: it sends requests when needed, and notifies listeners of changes.
 
 import type { Json } from "../core/json";
 import { Lately } from "../lately";
@@ -16,26 +16,26 @@ import { NO_VISIT, type Visit } from "../visit";
 import { type Health, Watch } from "../watch";
 import type { Transport, TransportEvent } from "./transport";
 
-/** What there is to know. A new object whenever something in it changed. */
+/** The known state. A new object whenever a part of it changed. */
 export interface SwarmView {
   readonly swarm: Swarm;
   readonly health: Health;
   readonly visit: Visit;
 }
 
-/** Whatever keeps a swarm's state up to date. */
+/** A source of the swarm's current state. */
 export interface SwarmSource {
   readonly view: SwarmView;
-  /** Be told when `view` changes; the result ends it. */
+  /** Call `listener` when `view` changes; call the result to unsubscribe. */
   subscribe(listener: () => void): () => void;
 }
 
 const TICK_MS = 100;
-/** A swarm answers well within this, if the connection still carries anything. */
+/** A working connection answers within this time. */
 const WAKE_MS = 3000;
-/** Walls are told once. */
+/** Walls do not change. */
 const WALLS_AGAIN_MS = 5000;
-// What was on its way when the network went comes within so long.
+// Messages on their way when the network was lost arrive within this time.
 const NETWORK_LAG_MS = 2000;
 
 export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
@@ -46,7 +46,7 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
   readonly #ticking: ReturnType<typeof setInterval>;
   #waking: ReturnType<typeof setTimeout> | undefined;
   #heardAt_ms = 0;
-  #networkAt_ms = performance.now(); // when the device last said that it has one
+  #networkAt_ms = performance.now(); // when the device last reported a network
   #needsNoNetwork = false;
   #wallsAskedAt_ms = Number.NEGATIVE_INFINITY;
   #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
@@ -55,7 +55,7 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
   constructor(transport: T) {
     this.transport = transport;
     transport.listen((event) => this.#on(event));
-    // What has happened before somebody listened.
+    // Events from before this listener was added.
     this.#on({ kind: "visit", visit: transport.visit });
     if (transport.state !== "connecting") this.#on({ kind: "broker", state: transport.state });
     this.#ticking = setInterval(() => this.#tick(), TICK_MS);
@@ -70,22 +70,22 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
     return () => this.#listeners.delete(listener);
   }
 
-  /** Send one robot a command, unless the swarm is away: then false, and nothing is kept for later. */
+  /** Send one robot a command; return false if disconnected: nothing is queued. */
   command(address: string, name: string, payload: unknown): boolean {
     const sent = this.transport.command(address, name, payload);
     if (sent && name === "clear_position_history") this.#reduce({ kind: "history_cleared", address });
     return sent;
   }
 
-  /** The data of the answer. @throws Unanswered (the promise) */
+  /** Return the data of the answer. @throws Unanswered (the promise) */
   request(request: number, timeout_ms?: number): Promise<Json> {
     return this.transport.request(request, timeout_ms);
   }
 
   /**
-   * The phone was asleep, or the page in the background: ask at once what was missed.
+   * The phone was asleep, or the page in the background: request missed state at once.
    *
-   * A connection that died meanwhile can look alive until the next keepalive, up to 90 s; silence now is taken for that.
+   * A connection that died meanwhile can look alive until the next keepalive, up to 90 s; silence now counts as dead.
    */
   wake(): void {
     this.transport.wake();
@@ -97,7 +97,7 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
     }, WAKE_MS);
   }
 
-  /** The page is not seen any more, and may be frozen at once. */
+  /** The page is hidden, and may be frozen at once. */
   hide(): void {
     this.transport.hide();
   }
@@ -167,10 +167,10 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
     if (JSON.stringify(health) !== JSON.stringify(this.#view.health)) this.#show({ ...this.#view, health });
   }
 
-  /** Whether what is not heard may be blamed on other things than the device's network. */
+  /** Whether silence can have other causes than the device's network. */
   #hasNetwork(now_ms: number): boolean {
     if (hasNetwork()) this.#networkAt_ms = now_ms;
-    // Whoever is heard long after it was gone is heard without it: a broker on this machine.
+    // Data long after the network was lost does not need it: a broker on this machine.
     else if (this.#heardAt_ms - this.#networkAt_ms > NETWORK_LAG_MS) this.#needsNoNetwork = true;
     return this.#networkAt_ms === now_ms || this.#needsNoNetwork;
   }
@@ -184,7 +184,7 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
   }
 
   #ask(request: number): void {
-    // The answer also comes as an event; that none came is seen by the watch.
+    // The answer also arrives as an event; the watch notices if none arrives.
     this.request(request).catch(() => {});
   }
 
@@ -194,7 +194,7 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
   }
 }
 
-/** Programs without a browser have none that they know of. */
+/** Programs without a browser do not report a network. */
 function hasNetwork(): boolean {
   const { navigator } = globalThis as { readonly navigator?: { readonly onLine?: boolean } };
   return navigator?.onLine ?? true;

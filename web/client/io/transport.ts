@@ -1,4 +1,4 @@
-// What carries a swarm's words to its visitors and back: a session, on a websocket or a broker.
+// Transport between a swarm and its visitors: a session, over a websocket or a broker.
 
 import type { Json } from "../core/json";
 import type { Reason } from "../session";
@@ -6,10 +6,10 @@ import type { Visit } from "../visit";
 import type { BrokerState } from "../watch";
 
 export type TransportEvent =
-  /** A state update, for everybody. */
+  /** A state update for all visitors. */
   | { readonly kind: "notified"; readonly payload: Json }
   | { readonly kind: "replied"; readonly request: number; readonly data: Json }
-  /** Refused, and without effect. */
+  /** Refused, without effect. */
   | { readonly kind: "rejected"; readonly reason: string }
   | { readonly kind: "broker"; readonly state: BrokerState }
   | { readonly kind: "visit"; readonly visit: Visit };
@@ -17,30 +17,30 @@ export type TransportEvent =
 export interface Transport {
   readonly state: BrokerState;
   readonly visit: Visit;
-  /** Be told of everything that happens; the result ends it. */
+  /** Subscribe to all events; call the result to unsubscribe. */
   listen(listener: (event: TransportEvent) => void): () => void;
-  /** Send a command, or false: then nothing is kept for later. */
+  /** Send a command; false if not possible now: nothing is queued. */
   command(address: string, name: string, payload: unknown): boolean;
-  /** The data of the answer. @throws Unanswered (the promise) */
+  /** Return the data of the answer. @throws Unanswered (the promise) */
   request(request: number, timeout_ms?: number): Promise<Json>;
   /** The device woke up, or has a network again. */
   wake(): void;
-  /** The page is not seen any more, and may be frozen: say at once what must not wait. */
+  /** The page is hidden, and may be frozen: send urgent data at once. */
   hide(): void;
   /** The page is being closed. */
   leave(): void;
-  /** Give up a connection that may be dead, and make another. */
+  /** Abandon a connection that may be dead, and open another. */
   restart(): void;
-  /** Disconnect for good. */
+  /** Disconnect permanently. */
   close(): void;
 }
 
-/** No answer: there is no connection, the swarm did not answer in time or refused, or the connection was closed. */
+/** No answer: disconnected, no answer in time, refused, or the connection was closed. */
 export class Unanswered extends Error {
   override readonly name: string = "Unanswered";
 }
 
-/** The swarm answered that it will not. */
+/** The swarm refused the request. */
 export class Refused extends Unanswered {
   override readonly name = "Refused";
   readonly reason: Reason;

@@ -1,19 +1,19 @@
-// What a session travels by, and the first of two: a websocket of the page's own origin.
+// The interface of a session's transports, and the first of two: a websocket of the page's own origin.
 
-/** What `onClose` says if a broker wants a login. */
+/** The reason in `onClose` if a broker requires a login. */
 export const REFUSED_LOGIN = "login refused";
 
 export interface Way {
   onOpen: () => void;
   onMessage: (data: Uint8Array) => void;
-  /** It is over, by the other end or the network, whose word is `reason`. */
+  /** The connection has ended; `reason` comes from the other end or the network. */
   onClose: (reason: string) => void;
   readonly isOpen: boolean;
-  /** Send now, or lose it: a joystick's command that arrives late is worse than none. */
+  /** Send now, or drop it: a late joystick command is worse than none. */
   send(data: Uint8Array, topic: string): void;
-  /** On a broker: hear these topics below the root, and no others. */
+  /** On a broker: subscribe to these topics below the root only. */
   hear(topics: readonly string[]): void;
-  /** Nothing is told afterwards. */
+  /** No events follow. */
   close(): void;
 }
 
@@ -43,7 +43,7 @@ export class WebsocketWay implements Way {
   }
 
   hear(): void {
-    // There are no topics.
+    // A websocket has no topics.
   }
 
   close(): void {

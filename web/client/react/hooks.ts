@@ -12,7 +12,7 @@ const NOTHING: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", bro
 const OPEN_AGAIN_MS = 2000;
 
 /**
- * A link over the transport that `open` makes, for as long as the component lives; another function opens another link.
+ * A link over the transport that `open` makes, while the component is mounted; another function opens another link.
  *
  * @param open keep its identity while it means the same (useState, useMemo); undefined for no link.
  */
@@ -25,7 +25,7 @@ export function useLink<T extends Transport>(open: (() => T | Promise<T>) | unde
     const tryOpening = () => {
       Promise.resolve(open()).then(
         (opened) => (isOver ? opened.close() : setTransport(() => opened)),
-        // A part of the page that is loaded when it is needed did not arrive.
+        // A lazily loaded part of the page could not be loaded.
         () => {
           if (!isOver) again = setTimeout(tryOpening, OPEN_AGAIN_MS);
         },
@@ -65,7 +65,7 @@ function useSwarmLink<T extends Transport>(transport: T | undefined): SwarmLink<
 }
 
 /**
- * What `select` takes from the view; renders again only when that changed (by identity).
+ * The part of the view that `select` returns; re-renders only when it changes (by identity).
  *
  * @param select must return a part of the view or a plain value, not a new object.
  */
@@ -74,7 +74,7 @@ export function useSwarm<T>(link: SwarmSource | undefined, select: (view: SwarmV
   return useSyncExternalStore(subscribe, () => select(link?.view ?? NOTHING));
 }
 
-/** A function that sends one robot a command: false if the broker is away or no robot is named. */
+/** Return a function that sends one robot a command; it returns false if disconnected or without a robot. */
 export function useCommand(
   link: SwarmLink | undefined,
   address: string | undefined,
@@ -85,7 +85,7 @@ export function useCommand(
   );
 }
 
-/** A function that asks, and promises the data of the answer. */
+/** Return a function that sends a request, and promises the data of the answer. */
 export function useRequest(
   link: SwarmLink | undefined,
 ): (request: number, timeout_ms?: number) => Promise<Json> {

@@ -1,4 +1,4 @@
-// Records of one session at a client: sealed with the newest keys, opened with those of two generations.
+// Records of one session at a client: encrypted with the newest keys, decrypted with those of two generations.
 
 import { NotAuthentic, UsageError } from "../core/errors";
 import type { Cipher, Keys } from "./noise";
@@ -9,7 +9,7 @@ import { COUNTER_LIMIT, Window } from "./window";
 /** Longest plaintext of a record, with its padding, to a server and to a client. */
 export const SERVER_MAX_BYTES = 16 * 1024;
 export const CLIENT_MAX_BYTES = 1024 * 1024;
-/** For which the keys before are accepted once the server uses the new ones. */
+/** Time for which the previous keys are accepted once the server uses the new ones. */
 export const OVERLAP_MS = 10_000;
 
 interface Generation {
@@ -18,7 +18,7 @@ interface Generation {
   readonly made_ms: number;
   readonly received: Window;
   sent: number;
-  /** Received until then. */
+  /** When these keys expire for received records. */
   until_ms: number | undefined;
 }
 
@@ -38,33 +38,33 @@ export class Channel {
     return this.#now !== undefined;
   }
 
-  /** When the keys in use were made. */
+  /** When the current keys were made. */
   get made_ms(): number {
     return this.#now?.made_ms ?? 0;
   }
 
-  /** With which records are received: topics on a broker are derived from them. */
+  /** Ciphers of received records: topics on a broker are derived from them. */
   receiveCiphers(): Cipher[] {
     return [this.#now, this.#before].flatMap((each) => (each ? [each.keys.toClient] : []));
   }
 
-  /** With which the next record is sent. @throws UsageError: there are no keys yet. */
+  /** Cipher of the next record to send. @throws UsageError: there are no keys yet. */
   sendCipher(): Cipher {
     return this.#used().keys.toServer;
   }
 
-  /** Use these keys from now on. Those before are received until the server uses the new ones, and a while. */
+  /** Use these keys from now on. The previous ones are accepted until the server uses the new ones, and a while longer. */
   adopt(number: number, keys: Keys, now_ms: number): void {
     this.#before = this.#now;
     this.#now = { number, keys, made_ms: now_ms, received: new Window(), sent: 0, until_ms: undefined };
   }
 
-  /** Drop the keys before, if their time is over. */
+  /** Drop the previous keys once they have expired. */
   expire(now_ms: number): void {
     if (this.#before?.until_ms !== undefined && now_ms >= this.#before.until_ms) this.#before = undefined;
   }
 
-  /** The record of a message. @throws UsageError: too long, or there are no keys yet. */
+  /** Encrypt a message into a record. @throws UsageError: too long, or there are no keys yet. */
   seal(content: Uint8Array): Uint8Array {
     const used = this.#used();
     const plaintext = pad(content, SERVER_MAX_BYTES);
@@ -74,7 +74,7 @@ export class Channel {
     return RECORD.encode({ ...head, sealed: used.keys.toServer.seal(head.counter, plaintext, RECORD_HEAD.encode(head)) });
   }
 
-  /** The message in a record of the server. @throws TooLarge, MalformedRecord, NotAuthentic, Replayed */
+  /** Decrypt a record of the server. @throws TooLarge, MalformedRecord, NotAuthentic, Replayed */
   open(raw: Uint8Array, now_ms: number): Opened {
     checkSize(raw, RECORD.size + CLIENT_MAX_BYTES + TAG_BYTES);
     const { generation, counter, sealed } = RECORD.decode(raw);

@@ -1,4 +1,4 @@
-// What a session refuses beside what core has: counted by its reason, and survived.
+// Errors of sessions, beside those in core: each is counted by its reason, and tolerated.
 
 import { PeerError, UsageError } from "../core/errors";
 
@@ -14,7 +14,7 @@ export class UnknownEpoch extends PeerError {
   override readonly name = "UnknownEpoch";
 }
 
-/** Not what a swarm's QR code or screen shows. The message never repeats it: it may be a mistyped secret. */
+/** Not the content of a swarm's QR code or screen. The message never repeats it: it may be a mistyped secret. */
 export class BadInvitation extends UsageError {
   override readonly name = "BadInvitation";
 }

@@ -1,4 +1,4 @@
-// Invitations: what a QR code's fragment holds, and room codes, which people type. No error repeats what was given.
+// Invitations, as in a QR code's fragment, and room codes, which people type. Errors never repeat the input.
 
 import { decodeBase64url, encodeBase64url } from "../core/base64url";
 import { PeerError, UsageError } from "../core/errors";
@@ -16,14 +16,14 @@ const ROOM = /^[0-9]{8}$/;
 const bytes = new TextEncoder();
 const text = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
 
-/** A broker and the first part of every topic there; with an empty broker it is direct, and the others are empty and 0. */
+/** A broker with its topic root; without a broker the connection is direct, and root and mqtt are empty and 0. */
 export interface Where {
   readonly broker: string;
   readonly root: string;
   readonly mqtt: number;
 }
 
-/** All that a visitor needs to join. */
+/** Everything that a visitor needs to join. */
 export interface Invitation extends Where {
   /** The swarm's X25519 public key. */
   readonly fixed: Uint8Array;
@@ -33,7 +33,7 @@ export interface Invitation extends Where {
 /** The swarm is at the page's own origin. */
 export const DIRECT: Where = { broker: "", root: "", mqtt: 0 };
 
-/** The invitation in a URL, or in its fragment. @throws BadInvitation */
+/** Parse the invitation in a URL, or in its fragment. @throws BadInvitation */
 export function parseInvitation(given: string): Invitation {
   const word = given.trim().split("#").at(-1) ?? "";
   if (!word.startsWith(WORD) || word.length > FRAGMENT_LONGEST || !ASCII.test(word)) throw new BadInvitation("no such fragment");
@@ -44,14 +44,14 @@ export function parseInvitation(given: string): Invitation {
   return invitation;
 }
 
-/** Its fragment, without `#`. @throws UsageError: room codes and resume secrets stand in no URL. */
+/** Return its fragment, without `#`. @throws UsageError: room codes and resume secrets have no URL. */
 export function fragmentOf({ secret, fixed, mqtt, root, broker }: Invitation): string {
   if (secret.kind !== "open" && secret.kind !== "ticket") throw new UsageError("only open codes and tickets have a URL");
   const values = { static: fixed, secret: secret.reveal(), mqtt, root: bytes.encode(root), broker: bytes.encode(broker) };
   return WORD + encodeBase64url(INVITATION.encode({ kind: secret.number, ...values }));
 }
 
-/** The secret of a room code that somebody typed. @throws BadInvitation */
+/** Return the secret of a typed room code. @throws BadInvitation */
 export function parseRoomCode(typed: string): Secret {
   const digits = typed.replace(/[\s-]+/g, "");
   if (!ROOM.test(digits)) throw new BadInvitation("a room code has 8 digits");

@@ -1,16 +1,16 @@
-// The codec of the byte table's records: little-endian, no padding, lengths before contents, no trailing bytes.
+// Codec of the byte table's records: little-endian, no padding, lengths before contents, no trailing bytes.
 //
-// Only this file turns values into bytes and back; records.ts, which is made from the table, lists the records.
+// Only this file converts between values and bytes; records.ts, generated from the table, lists the records.
 
 import { PeerError, UsageError } from "../core/errors";
 
-/** A record is too short, too long, of another tag, or has a value that means nothing. */
+/** A record is too short, too long, of another tag, or has an invalid value. */
 export class MalformedRecord extends PeerError {
   override readonly reason = "malformed_record";
   override readonly name = "MalformedRecord";
 }
 
-/** u8 to u64, bN: N bytes, v8 and v16: a length and as many bytes, rest: all that follows. */
+/** u8 to u64, bN: N bytes, v8 and v16: a length and as many bytes, rest: all remaining bytes. */
 export type FieldType = "u8" | "u16" | "u32" | "u64" | "v8" | "v16" | "rest" | `b${number}`;
 type Value = number | Uint8Array;
 
@@ -91,7 +91,7 @@ function putNumber(out: number[], value: number, width: number, what: string): v
   for (let rest = value, i = 0; i < width; i += 1, rest = Math.floor(rest / BYTE)) out.push(rest % BYTE);
 }
 
-/** Above 2^53 not exact, and larger than any counter that is accepted. */
+/** Inexact above 2^53, which is more than any accepted counter. */
 function numberAt(raw: Uint8Array, at: number, width: number, name: string): number {
   if (at + width > raw.length) throw new MalformedRecord(`${name}: ends inside a number`);
   let value = 0;

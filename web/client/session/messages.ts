@@ -1,24 +1,24 @@
-// Messages of the server, as a client reads them: each is one of these kinds, its texts and numbers checked.
+// Messages of the server, with validated texts and numbers.
 
 import { type EndReason, ENDS, type Reason, REASONS, Unexpected } from "./errors";
 import { MalformedRecord } from "./layout";
 import { END, EPOCH, type EpochFields, REFUSED, REPLY, SECRET, STANDING, WELCOME } from "./records";
 import { Secret } from "./secret";
 
-/** What a visitor may do; each includes those before. */
+/** Rights of a visitor; each includes the previous ones. */
 export const ROLES = ["", "watch", "drive", "operate"] as const;
 export type Role = Exclude<(typeof ROLES)[number], "">;
 
-/** What this visitor may do now. */
+/** A visitor's current rights. */
 export interface Standing {
   readonly role: Role;
-  /** For the operator's approval: there are no updates until then. */
+  /** Waits for the operator's approval, without updates. */
   readonly waiting: boolean;
-  /** In the queue for a robot, from 1; 0: not in it. */
+  /** Position in the queue for a robot, from 1; 0: not queued. */
   readonly place: number;
-  /** Of its turn; 0: no limit. */
+  /** Remaining time of its turn; 0: no limit. */
   readonly left_ms: number;
-  /** Robot that it is assigned to; empty: none. */
+  /** Assigned robot; empty: none. */
   readonly robot: string;
 }
 
@@ -33,7 +33,7 @@ export type ServerMessage =
 
 const utf8 = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
 
-/** @throws Unexpected: no such message; MalformedRecord: it has another form. */
+/** @throws Unexpected: unknown message; MalformedRecord: malformed. */
 export function decodeMessage(content: Uint8Array): ServerMessage {
   switch (content[0]) {
     case WELCOME.tag: {

@@ -1,6 +1,6 @@
-// Noise_NKpsk0_25519_ChaChaPoly_SHA256: the client's half of the handshake, and the two ciphers that it makes.
+// Noise_NKpsk0_25519_ChaChaPoly_SHA256: the client's half of the handshake, and the resulting ciphers.
 //
-// Source: The Noise Protocol Framework, revision 34. noble and not WebCrypto: browsers hide that from http:// pages.
+// Source: The Noise Protocol Framework, revision 34. noble instead of WebCrypto, which browsers disable on http:// pages.
 
 import { chacha20poly1305 } from "@noble/ciphers/chacha.js";
 import { x25519 } from "@noble/curves/ed25519.js";
@@ -16,7 +16,7 @@ const NONCE_ZEROS = 4;
 const EMPTY_BYTES = KEY_BYTES + 16;
 const NONE = new Uint8Array(0);
 
-/** The key of one direction; the caller counts. Printing it shows nothing. */
+/** The key of one direction; the caller counts. Printing it reveals nothing. */
 export class Cipher {
   readonly #key: Uint8Array;
 
@@ -44,14 +44,14 @@ export class Cipher {
   }
 }
 
-/** The two directions of a session, and the hash of the handshake that made them. */
+/** The two directions of a session, and the hash of their handshake. */
 export interface Keys {
   readonly toServer: Cipher;
   readonly toClient: Cipher;
   readonly handshakeHash: Uint8Array;
 }
 
-/** SymmetricState of Noise: never changed, so that a forged message changes nothing. */
+/** SymmetricState of Noise: immutable, so that a forged message changes nothing. */
 class State {
   readonly hash: Uint8Array;
   readonly #chaining: Uint8Array;
@@ -77,7 +77,7 @@ class State {
     return new State(this.hash, chaining, key).mixHash(extra);
   }
 
-  /** Into the key as well, for the psk: Noise §9.2. */
+  /** Also mixed into the key, for the psk: Noise §9.2. */
   mixEphemeral(key: Uint8Array): State {
     return this.mixHash(key).mixKey(key);
   }
@@ -98,7 +98,7 @@ class State {
   }
 }
 
-/** The client's half: it knows the server's static public key and the psk. `ephemeral`: 32 random bytes, never used twice. */
+/** The client's half: it has the server's static public key and the psk. `ephemeral`: 32 random bytes, used once. */
 export class Initiator {
   readonly #ephemeral: Uint8Array;
   readonly #fixed: Uint8Array;
@@ -119,7 +119,7 @@ export class Initiator {
     return concatBytes(own, sealed);
   }
 
-  /** Payload of the second message, and the keys; a refused message leaves all as it was. @throws NotAuthentic */
+  /** Payload of the second message, and the keys; a refused message changes nothing. @throws NotAuthentic */
   read(message: Uint8Array): { payload: Uint8Array; keys: Keys } {
     if (message.length < EMPTY_BYTES) throw new NotAuthentic(`a handshake message of ${message.length} bytes`);
     const theirs = message.slice(0, KEY_BYTES);

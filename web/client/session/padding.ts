@@ -1,4 +1,4 @@
-// Padding of plaintexts to few sizes, so that a record's length does not tell a turn from a stop.
+// Pad plaintexts to few sizes, so that a record's length does not reveal its kind, such as turn or stop.
 
 import { TooLarge, UsageError } from "../core/errors";
 import { MalformedRecord } from "./layout";
@@ -7,13 +7,13 @@ import { PADDED } from "./records";
 const SMALL = [128, 512];
 const STEP = 2048;
 
-/** Size of the plaintext that holds a content of so many bytes. */
+/** Size of the padded plaintext for content of this length. */
 export function paddedSize(length: number): number {
   const whole = length + PADDED.size;
   return SMALL.find((size) => whole <= size) ?? Math.ceil(whole / STEP) * STEP;
 }
 
-/** @throws UsageError: longer than `most` bytes with its padding. */
+/** @throws UsageError: longer than `most` bytes with padding. */
 export function pad(content: Uint8Array, most: number): Uint8Array {
   const size = paddedSize(content.length);
   if (size > most) throw new UsageError(`message of ${content.length} bytes, limit ${most - PADDED.size}`);
@@ -22,7 +22,7 @@ export function pad(content: Uint8Array, most: number): Uint8Array {
   return PADDED.encode({ length: content.length, content: filled });
 }
 
-/** @throws MalformedRecord: another size than it would be padded to, or other padding. */
+/** @throws MalformedRecord: not the size of padded content, or invalid padding. */
 export function unpad(plaintext: Uint8Array): Uint8Array {
   const { length, content } = PADDED.decode(plaintext);
   const wrong = length > content.length || paddedSize(length) !== plaintext.length;

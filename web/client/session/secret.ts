@@ -1,6 +1,6 @@
-// What is derived from the secret of an invitation, a room code or a resume: psk, id, MAC and topics.
+// Derivations from the secret of an invitation, a room code or a resume: psk, id, MAC and topics.
 //
-// Only this file knows the labels of derivations.
+// Only this file contains the labels of derivations.
 
 import { hkdf } from "@noble/hashes/hkdf.js";
 import { hmac } from "@noble/hashes/hmac.js";
@@ -15,11 +15,11 @@ export const ID_BYTES = 8;
 export const MAC1_BYTES = 16;
 export const TOPIC_BYTES = 16;
 
-/** Where the secret of a handshake comes from: its name is the info of its psk, its place the number in a first message. */
+/** Origin of a handshake's secret: the name is the info of its psk, the index its number in a first message. */
 export const KINDS = ["", "open", "ticket", "room", "resume"] as const;
 export type Kind = Exclude<(typeof KINDS)[number], "">;
 
-/** A secret, and what it is for. Printing one, or putting it into JSON, gives `<Secret>`. */
+/** A secret and its kind. Printing it, or encoding it as JSON, gives `<Secret>`. */
 export class Secret {
   readonly kind: Kind;
   readonly #raw: Uint8Array;
@@ -29,7 +29,7 @@ export class Secret {
     this.#raw = raw;
   }
 
-  /** For storage, and for nothing else. */
+  /** Only for storage. */
   reveal(): Uint8Array {
     return this.#raw.slice();
   }
@@ -42,7 +42,7 @@ export class Secret {
     return "<Secret>";
   }
 
-  /** Of its kind, in a first message. */
+  /** Number of its kind, in a first message. */
   get number(): number {
     return KINDS.indexOf(this.kind);
   }
@@ -51,7 +51,7 @@ export class Secret {
     return derive(this.#raw, this.kind, KEY_BYTES);
   }
 
-  /** In the first message; zeros for a room code, which could be searched by it offline. */
+  /** Its id in the first message; zeros for a room code, which could be searched offline by its id. */
   get id(): Uint8Array {
     return this.kind === "room" ? new Uint8Array(ID_BYTES) : derive(this.#raw, "id", ID_BYTES);
   }

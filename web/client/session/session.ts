@@ -1,7 +1,7 @@
 // A visitor's side of a session, the same as phalanx/link/session/client.py.
 //
-// Pure: bytes and a time in, events and bytes out; sockets, clocks and random bytes belong to io. Whatever a peer sends,
-// receive() returns: what is refused is counted by its reason and changes nothing.
+// Pure: bytes and a time in, events and bytes out; sockets, clocks and random bytes are in io. receive() never throws:
+// refused input is counted by its reason and changes nothing.
 
 import { concatBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { encodeBase64url } from "../core/base64url";
@@ -15,13 +15,13 @@ import { ACCEPT, ALIVE, COMMAND, type EpochFields, HELLO, JOIN, LEAVE, LINK_REQU
 import { helloTopic, prologue, recordTopic, type Secret } from "./secret";
 import { UpdateReader } from "./updates";
 
-/** From a first message to `welcome`. */
+/** Time limit from a first message to `welcome`. */
 export const HANDSHAKE_MS = 5_000;
-/** After which new keys are made. */
+/** Age at which new keys are made. */
 export const REKEY_MS = 600_000;
-/** On a broker something is said as often. */
+/** Interval of `alive` on a broker. */
 export const ALIVE_MS = 4_000;
-/** Nothing on a broker tells that the server is gone, or has forgotten us. Who waits for approval gets no updates. */
+/** A broker does not report that the server is gone, or has forgotten us. Waiting visitors get no updates. */
 const QUIET_MS = 5_000;
 const QUIET_WAITING_MS = 60_000;
 const EPOCHS_KEPT = 2;
@@ -29,10 +29,10 @@ const EPOCHS_KEPT = 2;
 export type SessionEvent =
   /** Send these bytes; on a broker, to this topic below the root. */
   | { readonly kind: "transmit"; readonly data: Uint8Array; readonly topic: string }
-  /** On a broker: subscribe to these topics below the root, and to no others. */
+  /** On a broker: subscribe to these topics below the root only. */
   | { readonly kind: "hear"; readonly topics: readonly string[] }
   | { readonly kind: "admitted"; readonly visitor: number; readonly name: string }
-  /** Store a secret to resume with, and then call stored(). */
+  /** Store a secret to resume with, then call stored(). */
   | { readonly kind: "keep"; readonly secret: Secret; readonly lifetime_s: number }
   | { readonly kind: "stands"; readonly standing: Standing }
   | { readonly kind: "updated"; readonly state: Uint8Array }
@@ -58,21 +58,21 @@ export class Session {
   readonly #channel = new Channel();
   #secret: Secret;
   #handshake: Handshake | undefined;
-  /** Since then `welcome` is waited for. */
+  /** When waiting for `welcome` began. */
   #adopted_ms: number | undefined;
   #joined = false;
   #over = false;
   #signer = "";
   #reader: UpdateReader | undefined;
   #early: readonly EpochFields[] = [];
-  /** A secret that came before `welcome`: it cannot be confirmed yet. */
+  /** A secret that arrived before `welcome`: it cannot be confirmed yet. */
   #earlySecret: readonly SessionEvent[] = [];
   #requests = 0;
   #said_ms = 0;
   #heard_ms = 0;
   #isWaiting = false;
 
-  /** `random` makes n bytes from a cryptographic source; the server may choose another nickname. */
+  /** `random` returns n bytes from a cryptographic source; the server may choose another nickname. */
   constructor(invitation: Invitation, random: (length: number) => Uint8Array, name = "") {
     this.#invitation = invitation;
     this.#secret = invitation.secret;
@@ -81,7 +81,7 @@ export class Session {
     this.#name = name;
   }
 
-  /** Nothing is sent or read any longer; a new session may resume. */
+  /** Nothing is sent or read any more; a new session can resume. */
   get isOver(): boolean {
     return this.#over;
   }
@@ -91,7 +91,7 @@ export class Session {
     return this.#joined && !this.#over;
   }
 
-  /** An update was read: commands are late before that. */
+  /** An update was read: until then commands are late. */
   get hasSeen(): boolean {
     return (this.#reader?.seen ?? 0) > 0;
   }
@@ -109,7 +109,7 @@ export class Session {
     return [...this.#hear(), { kind: "transmit", data: signed, topic: helloTopic(fixed) }];
   }
 
-  /** Read what came from the server, or says so. Never throws for what it says. */
+  /** Read data from the server. Never throws. */
   receive(raw: Uint8Array, now_ms: number): SessionEvent[] {
     if (this.#over) return [];
     try {
@@ -123,7 +123,7 @@ export class Session {
     }
   }
 
-  /** Do what is due; call it once a second, and after sleep before anything else. */
+  /** Perform due actions; call it once a second, and first after sleep. */
   tick(now_ms: number): SessionEvent[] {
     if (this.#over) return [];
     const quiet_ms = now_ms - this.#heard_ms;
@@ -133,7 +133,7 @@ export class Session {
     if (since.length > 0 && now_ms - Math.min(...since) >= HANDSHAKE_MS) {
       if (!this.#joined) return this.#end(undefined);
       if (now_ms - Math.max(...since) < 2 * HANDSHAKE_MS) return [];
-      // The server has forgotten the one before.
+      // The server has discarded the previous one.
       this.#adopted_ms = undefined;
       return this.start(now_ms);
     }
@@ -142,14 +142,14 @@ export class Session {
     return [];
   }
 
-  /** A command for one robot, based on the newest update. @throws UsageError: not joined, or too long. */
+  /** Encode a command for one robot, based on the newest update. @throws UsageError: not joined, or too long. */
   command(robot: string, name: string, payload: Uint8Array, now_ms: number, stop = false): SessionEvent {
     const { seen, digest } = this.#ready();
     const words = { robot: utf8ToBytes(robot), name: utf8ToBytes(name), payload };
     return this.#send(COMMAND.encode({ stop: stop ? 1 : 0, seen, digest, ...words }), now_ms);
   }
 
-  /** A request, and its number. @throws UsageError: not joined, or too long. */
+  /** Encode a request, and return its number. @throws UsageError: not joined, or too long. */
   request(name: string, payload: Uint8Array, now_ms: number): { number: number; event: SessionEvent } {
     this.#ready();
     this.#requests += 1;
@@ -157,19 +157,19 @@ export class Session {
     return { number, event: this.#send(LINK_REQUEST.encode({ number, name: utf8ToBytes(name), payload }), now_ms) };
   }
 
-  /** A record that says nothing, as large as a command. @throws UsageError: not joined. */
+  /** Encode an empty record, as large as a command. @throws UsageError: not joined. */
   alive(now_ms: number): SessionEvent {
     this.#ready();
     return this.#send(ALIVE.encode({}), now_ms);
   }
 
-  /** Say that a secret is stored, so that the one before may die. @throws UsageError: not joined. */
+  /** Confirm that a secret is stored, so that the previous one can be discarded. @throws UsageError: not joined. */
   stored(secret: Secret, now_ms: number): SessionEvent {
     this.#ready();
     return this.#send(STORED.encode({ id: secret.id }), now_ms);
   }
 
-  /** End the session; the secret to resume with stays valid, and its robot is kept for a while. */
+  /** End the session; the resume secret stays valid, and the robot is kept for a while. */
   leave(now_ms: number): SessionEvent[] {
     const said = this.#channel.isOpen ? [this.#send(LEAVE.encode({ keep: 1 }), now_ms)] : [];
     return [...said, ...this.#end(undefined)];
@@ -193,7 +193,7 @@ export class Session {
     const { content, inOrder } = this.#channel.open(raw, now_ms);
     this.#heard_ms = now_ms;
     const message = decodeMessage(content);
-    // Held back on the way, these would undo what the server has said since.
+    // Delayed on the way, these would undo later messages.
     const settles = message.kind === "secret" || message.kind === "standing";
     if (settles && !inOrder) throw new Unexpected("a record that comes after later ones");
     return this.#read(message);

@@ -1,12 +1,12 @@
-// A constant rate: one record in each slot, whatever is said, so that times and sizes do not tell a turn from a stop.
+// A constant rate: one record in each slot, so that times and sizes do not reveal its kind, such as turn or stop.
 //
-// Pure, as phalanx/link/session/slots.py is.
+// Pure, like phalanx/link/session/slots.py.
 
-/** Between two slots. The gateway stops a robot 300 ms after its last command. */
+/** Time between two slots. The gateway stops a robot 300 ms after its last command. */
 export const SLOT_MS = 100;
-/** What is steady ends by itself, should whoever renews it fall silent. */
+/** A steady command ends after this time unless renewed. */
 export const STEADY_MS = 250;
-/** Other commands while something is steady: at most one in so many slots, or the wheels would stutter. */
+/** During a steady command, others are sent at most once in so many slots, or the wheels would stutter. */
 const STEADY_SLOTS = 3;
 const WAITING_MAX = 64;
 
@@ -14,11 +14,11 @@ const WAITING_MAX = 64;
 export interface Saying {
   readonly robot: string;
   readonly name: string;
-  /** Seals it at this time, and sends it: so it names the newest update. */
+  /** Encrypts and sends it at this time, so that it refers to the newest update. */
   readonly say: (now_ms: number) => void;
 }
 
-/** What one visitor says next. */
+/** The records that a visitor sends next. */
 export class Slots {
   #steady: { readonly saying: Saying; readonly until_ms: number } | undefined;
   readonly #stops = new Map<string, Saying>();
@@ -30,20 +30,20 @@ export class Slots {
     return this.#stops.size > 0;
   }
 
-  /** Say this in every slot, until it is replaced, stopped or not renewed. */
+  /** Send this in every slot, until it is replaced, stopped or not renewed. */
   hold(saying: Saying, now_ms: number): void {
     this.#stops.delete(saying.robot);
     this.#steady = { saying, until_ms: now_ms + STEADY_MS };
   }
 
-  /** Say this in the next slot, before all else, and forget the robot's commands that wait: they came before it. */
+  /** Send this in the next slot, before all else, and drop the robot's waiting commands, which are older. */
   stop(saying: Saying): void {
     if (this.#steady?.saying.robot === saying.robot) this.#steady = undefined;
     for (const [key, waiting] of this.#waiting) if (waiting.robot === saying.robot) this.#waiting.delete(key);
     this.#stops.set(saying.robot, saying);
   }
 
-  /** Say this once. A newer command of the same name takes the place of one that waits. False: too many wait. */
+  /** Send this once. A newer command of the same name replaces a waiting one. False: too many wait. */
   put(saying: Saying): boolean {
     const key = `${saying.robot} ${saying.name}`;
     if (this.#waiting.size >= WAITING_MAX && !this.#waiting.has(key)) return false;
@@ -51,7 +51,7 @@ export class Slots {
     return true;
   }
 
-  /** What this slot's record says; undefined: nothing, so that it is `alive`. */
+  /** The record of this slot; undefined: none, so send `alive`. */
   take(now_ms: number): Saying | undefined {
     if (this.#steady !== undefined && now_ms >= this.#steady.until_ms) this.#steady = undefined;
     const stop = first(this.#stops);
@@ -66,7 +66,7 @@ export class Slots {
     return this.#steady?.saying;
   }
 
-  /** Forget all: the session is over, or was lost. A joystick's command must not arrive late. */
+  /** Drop everything: the session is over or lost. A joystick's command must not arrive late. */
   clear(): void {
     this.#steady = undefined;
     this.#stops.clear();
@@ -74,7 +74,7 @@ export class Slots {
   }
 }
 
-/** Takes out the oldest. */
+/** Remove and return the oldest. */
 function first(queue: Map<string, Saying>): Saying | undefined {
   for (const [key, saying] of queue) {
     queue.delete(key);

@@ -1,5 +1,5 @@
-// State updates, read by a visitor: sealed once for all, signed by the swarm, each under a key of its own from a chain of
-// hashes, so that who gets the chain at an update can read it and later ones.
+// State updates, read by a visitor: encrypted once for all, signed by the swarm, each under its own key from a hash
+// chain, so that a visitor who receives the chain at an update can read that one and later ones.
 
 import { ed25519 } from "@noble/curves/ed25519.js";
 import { hmac } from "@noble/hashes/hmac.js";
@@ -15,20 +15,20 @@ import { PROTOCOL } from "./secret";
 import { COUNTER_LIMIT } from "./window";
 
 export const DIGEST_BYTES = 8;
-/** Updates that a client may have missed. */
+/** Most updates that a client may have missed. */
 export const SKIP_LIMIT = 20_000;
 const EPOCHS_KEPT = 2;
 const KEY = utf8ToBytes(`${PROTOCOL}update`);
 const NEXT = utf8ToBytes(`${PROTOCOL}chain`);
 
-/** The key of an update, past which earlier ones cannot be derived. */
+/** Advance the chain key; earlier keys cannot be derived from it. */
 function advanced(chain: Uint8Array, steps: number): Uint8Array {
   let key = chain;
   for (let i = 0; i < steps; i += 1) key = hmac(sha256, key, NEXT);
   return key;
 }
 
-/** What a command names an update by. */
+/** The digest by which a command refers to an update. */
 export function digestOf(update: Uint8Array): Uint8Array {
   return sha256(update).slice(0, DIGEST_BYTES);
 }
@@ -45,7 +45,7 @@ export class UpdateReader {
     this.#signer = signer;
   }
 
-  /** Take the key of an epoch, from a session. Of more than two the oldest is dropped. */
+  /** Add the key of an epoch, from a session. Only the newest two are kept. */
   learn(epoch: EpochFields): void {
     const known = this.#chains.find((each) => each.epoch === epoch.epoch);
     if (known && known.counter >= epoch.counter) return;
@@ -58,7 +58,7 @@ export class UpdateReader {
     return this.#chains.map((each) => each.topic);
   }
 
-  /** The state in an update; a refused one changes nothing. @throws PeerError */
+  /** Decrypt an update; a refused one changes nothing. @throws PeerError */
   open(raw: Uint8Array): Uint8Array {
     checkSize(raw, UPDATE.size + CLIENT_MAX_BYTES + TAG_BYTES);
     const { epoch, counter, signature, sealed } = UPDATE.decode(raw);
@@ -66,7 +66,7 @@ export class UpdateReader {
     if (chain === undefined) throw new UnknownEpoch("an update of an epoch whose key is not here");
     if (counter <= this.seen || counter < chain.counter) throw new Replayed(`update ${counter}, newest ${this.seen}`);
     if (counter - chain.counter > SKIP_LIMIT || counter >= COUNTER_LIMIT) throw new UnknownEpoch("an update too far ahead");
-    // Before the chain is advanced, which costs a hash for each update that was missed.
+    // Checked before the chain is advanced, which costs a hash per missed update.
     this.#verify(signature, SIGNED_UPDATE.encode({ epoch, counter, sealed }));
     const key = advanced(chain.chain, counter - chain.counter);
     const cipher = new Cipher(hmac(sha256, key, KEY));

@@ -1,19 +1,19 @@
-// The sliding window of counters: each record of a direction and generation is opened once. Source: RFC 4303 §3.4.3.
+// Sliding window of counters: each record of a direction and generation is opened once. Source: RFC 4303 §3.4.3.
 
 import { Replayed } from "../core/errors";
 
-/** A record that is further behind the newest is refused. */
+/** Records further behind the newest are refused. */
 export const WIDTH = 1024;
-/** Nobody counts so far. */
+/** More than any session can count. */
 export const COUNTER_LIMIT = 2 ** 48;
 
-/** The counters that were received. */
+/** The counters received so far. */
 export class Window {
   #newest = -1;
   /** Counters of the last WIDTH, each at its remainder; -1: none. */
   readonly #seen = new Float64Array(WIDTH).fill(-1);
 
-  /** Larger than all that were received. */
+  /** Larger than all received counters. */
   isNewest(counter: number): boolean {
     return counter > this.#newest;
   }
@@ -26,7 +26,7 @@ export class Window {
     }
   }
 
-  /** Remember a counter that was checked, once its record is authentic. */
+  /** Record a checked counter, once its record is authentic. */
   enter(counter: number): void {
     this.#seen[counter % WIDTH] = counter;
     this.#newest = Math.max(this.#newest, counter);

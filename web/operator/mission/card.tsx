@@ -1,4 +1,4 @@
-// The mission that runs, in a line or two.
+// The running mission in one or two lines.
 
 import { operator as texts } from "../../texts";
 import type { Missions } from "../gateway_state";

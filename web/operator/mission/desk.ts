@@ -1,5 +1,5 @@
-// What the editor asks of the gateway, each answer checked once here: a building, a mission read from YAML, a mission
-// compiled and audited, robots that begin it.
+// The editor's requests to the gateway, with validated answers: load a building, parse a mission from YAML, compile and
+// audit a mission, start it on robots.
 
 import { UsageError } from "../../client";
 import { operator as texts } from "../../texts";
@@ -22,10 +22,10 @@ export interface WorthRow {
   readonly core_s: number;
   readonly gpu_s: number;
   readonly robot_ms: number;
-  /** Tries of who has the floor plan; null: as many as without. */
+  /** Tries of an attacker with the floor plan; null: as many as without it. */
   readonly by_plan: number | null;
   readonly problems: readonly string[];
-  /** Why no robot can be expected to decode it. */
+  /** Why no robot is expected to decode it. */
   readonly infeasible: readonly string[];
   readonly out_of_reach: boolean;
 }
@@ -36,12 +36,12 @@ export interface Compiled {
   readonly bytes: number;
   readonly profile: string;
   readonly rows: readonly WorthRow[];
-  /** Of all that can be guessed, on a core and on a GPU: at most, the nearest first, with the floor plan. Null: nothing can. */
+  /** Costs of all readable nodes, on a core and on a GPU: at most, nearest first, with the floor plan. Null: none. */
   readonly costs: Readonly<Record<"most" | "nearest" | "plan", readonly [number | null, number | null]>>;
   readonly notes: readonly string[];
-  /** Nodes of which the building shows no such landmark. */
+  /** Nodes whose landmark is not in the building. */
   readonly unseen: readonly string[];
-  /** Assumed: tries a second. */
+  /** Assumed tries per second. */
   readonly rates: Readonly<Record<"hash_core" | "hash_gpu" | "kdf_core" | "kdf_gpu", number>>;
 }
 
@@ -51,7 +51,7 @@ export type Job =
   | { readonly state: "failed"; readonly trouble: Trouble }
   | { readonly state: "compiled"; readonly compiled: Compiled };
 
-/** What went wrong, in the gateway's words, and what to do about it. */
+/** An error of the gateway, with its hint. */
 export class Trouble extends Error {
   readonly hint: string;
 
@@ -63,7 +63,7 @@ export class Trouble extends Error {
 
 const ANSWER_WITHIN_MS = 20_000;
 
-/** All of them: @throws Trouble. */
+/** Requests of the editor. All of them: @throws Trouble. */
 export class Desk {
   readonly #station: Station;
 
@@ -75,7 +75,7 @@ export class Desk {
     return checked(readWorld, await this.#ask("world"));
   }
 
-  /** The mission that runs; undefined: none, or one that only robots can read. */
+  /** The running mission; undefined: none, or one whose plain form is unknown. */
   async running(): Promise<Draft | undefined> {
     const said = await this.#ask("running");
     return isRecord(said) && said["nodes"] === undefined ? undefined : checked(readDraft, said);
@@ -105,7 +105,7 @@ export class Desk {
       if (error instanceof UsageError) throw new Trouble(texts.missionTooLong, texts.buildTakesIt);
       throw new Trouble(texts.doesNotAnswer);
     }
-    // Of a job that failed, the job says so itself.
+    // A failed job reports its own error.
     if (isRecord(said) && typeof said["error"] === "string" && said["state"] === undefined)
       throw new Trouble(said["error"], typeof said["hint"] === "string" ? said["hint"] : "");
     return said;

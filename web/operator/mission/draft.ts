@@ -1,6 +1,6 @@
-// A mission being drawn: pure functions from one draft to the next, and the YAML that stands for it.
+// A mission being drawn: pure functions from draft to draft, and its YAML form.
 //
-// Words that the editor has no button for (actions, messages, sensors, limits) are kept as they were read.
+// Fields that the editor has no button for (actions, messages, sensors, limits) are preserved.
 
 export type Words = Readonly<Record<string, unknown>>;
 export type Place = readonly [number, number];
@@ -9,11 +9,11 @@ export interface DraftNode {
   readonly name: string;
   readonly start: boolean;
   readonly final: boolean;
-  /** All that the file says of it beside `start` and `final`. */
+  /** All fields of the node in the file except `start` and `final`. */
   readonly words: Words;
-  /** Where it is drawn, metres; undefined for what is in no place. */
+  /** Where it is drawn, metres; undefined for nodes without a place. */
   readonly at: Place | undefined;
-  /** Of its landmark, or "". */
+  /** Type of its landmark, or "". */
   readonly type: string;
 }
 
@@ -28,11 +28,11 @@ export interface Draft {
   readonly name: string;
   readonly nodes: readonly DraftNode[];
   readonly ways: readonly DraftWay[];
-  /** What else the file says: area, coding, … */
+  /** Other fields of the file: area, coding, … */
   readonly rest: Words;
 }
 
-/** A landmark that the building has, and how it is seen. */
+/** A landmark of the building, and how it is observed. */
 export interface Site {
   readonly type: string;
   readonly at: Place;
@@ -54,7 +54,7 @@ export type Edit =
   | { readonly kind: "remove"; readonly name: string }
   | { readonly kind: "start"; readonly name: string }
   | { readonly kind: "final"; readonly name: string }
-  /** Undefined takes the word out. */
+  /** Undefined removes the field. */
   | { readonly kind: "word"; readonly name: string; readonly word: string; readonly value: unknown }
   | { readonly kind: "connect"; readonly from: string; readonly to: string }
   | { readonly kind: "turn"; readonly way: DraftWay }
@@ -62,7 +62,7 @@ export type Edit =
   | { readonly kind: "undo" };
 
 const MOST_UNDONE = 100;
-/** So near is the same landmark, however its place was rounded. */
+/** Places within this distance are the same landmark, as they may be rounded. */
 const SAME_M = 0.02;
 const SHORT: Readonly<Record<string, string>> = {
   doorway: "door",
@@ -73,7 +73,7 @@ const SHORT: Readonly<Record<string, string>> = {
   qr: "code",
 };
 
-/** A mission that begins where the building says that robots do. */
+/** A new mission that starts at the building's start. */
 export function newDraft(bounds: readonly number[], start: Place | undefined): Draft {
   const here = start && {
     name: "start",
@@ -93,7 +93,7 @@ export function historyReducer(history: History, edit: Edit): History {
   }
   const now = edited(history.now, edit);
   if (now === history.now) return history;
-  // A title is typed letter by letter, and taken back as one.
+  // Typing a title is undone in one step.
   const past = edit.kind === "title" && history.now.nodes === history.past.at(-1)?.nodes ? history.past : [...history.past, history.now];
   return { now, past: past.slice(-MOST_UNDONE) };
 }
@@ -165,7 +165,7 @@ function withNode(draft: Draft, prefix: string, words: Words, at: Place, type: s
   return { ...draft, nodes: [...draft.nodes, { name: `${prefix}${count}`, start, final: false, words, at, type }] };
 }
 
-/** Both ways, then to the later of the two, then to the earlier. A way with an action or a direction keeps its ends. */
+/** Both directions, then one, then the other. Paths with an action or a direction keep their ends. */
 function turned({ nodes }: Draft, way: DraftWay): DraftWay {
   if (Object.keys(way.rest).length > 0) return { ...way, both: !way.both };
   const [earlier, later] = nodes.map(({ name }) => name).filter((name) => name === way.from || name === way.to);
@@ -174,12 +174,12 @@ function turned({ nodes }: Draft, way: DraftWay): DraftWay {
   return way.from === earlier ? { ...way, from: later, to: earlier } : { ...way, from: earlier, to: later, both: true };
 }
 
-/** The way between two nodes, whatever its direction. */
+/** The path between two nodes, in any direction. */
 export function wayBetween(draft: Draft, a: string, b: string): DraftWay | undefined {
   return draft.ways.find(({ from, to }) => (from === a && to === b) || (from === b && to === a));
 }
 
-/** The node that stands for a landmark of the building. */
+/** The node of a landmark of the building. */
 export function nodeOf(draft: Draft, { at, type }: Site): DraftNode | undefined {
   return nearest(
     draft.nodes.filter((node) => node.type === type),
@@ -209,7 +209,7 @@ export function nearest<T extends { readonly at: Place | undefined }>(
 
 // --- as YAML ----------------------------------------------------------------------------------------------------------
 
-/** Words of the file's own vocabulary need no quotes; any other could mean yes, no or nothing. */
+/** Words of the file format need no quotes; others could mean yes, no or null in YAML. */
 const PLAIN = new Set(
   (
     "mission map area roam repeatable coding nodes ways see do start final join chained within_m timeout_s send wait part " +
@@ -241,7 +241,7 @@ function flow(value: unknown): string {
     .join(", ")}}`;
 }
 
-/** YAML takes 1e-7 for a text: a float has a point. */
+/** YAML parses 1e-7 as a string: floats need a point. */
 function flowNumber(value: number): string {
   const text = String(value);
   return text.includes("e") && !text.includes(".") ? text.replace("e", ".0e") : text;

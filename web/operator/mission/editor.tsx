@@ -35,7 +35,7 @@ export function Editor({ station, running }: { readonly station: Station; readon
 interface DrawingProps {
   readonly desk: Desk;
   readonly world: World;
-  /** The mission that ran when the editor was opened. */
+  /** The mission that was running when the editor was opened. */
   readonly begun: Draft | undefined;
   readonly running: RunningMission | undefined;
 }
@@ -61,7 +61,7 @@ function Drawing({ desk, world, begun, running }: DrawingProps) {
       else if (picked === undefined || picked === node.name) setPicked(picked === node.name ? undefined : node.name);
       else {
         edit({ kind: "connect", from: picked, to: node.name });
-        // On from here: a walk is drawn with one tap for each landmark.
+        // Continue from here: a path is drawn with one tap per landmark.
         setPicked(node.name);
       }
     } else if (tool === "place") {
@@ -174,7 +174,7 @@ function Drawing({ desk, world, begun, running }: DrawingProps) {
 }
 
 interface Compiling {
-  /** What was compiled: profile and YAML. */
+  /** The compiled input: profile and YAML. */
   readonly of: string | undefined;
   readonly busy: boolean;
   readonly job: Job;
@@ -205,7 +205,7 @@ function useCompiling(desk: Desk, onTrouble: (trouble: Trouble) => void): Compil
         onTrouble(asTrouble(error));
       }
     };
-    // Each answer is another object, and begins the next wait.
+    // Each answer is a new object, and starts the next wait.
     const timer = window.setTimeout(() => void ask(), POLL_MS);
     return () => {
       ended = true;
@@ -238,7 +238,7 @@ interface ProgressProps {
   readonly compiling: Compiling;
   readonly current: boolean;
   readonly running: RunningMission | undefined;
-  /** What is drawn is the mission that ran when the editor was opened. */
+  /** The draft equals the mission that was running when the editor was opened. */
   readonly isTheRunning: boolean;
 }
 

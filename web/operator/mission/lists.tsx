@@ -1,4 +1,4 @@
-// The mission as lists: everything that the map does, for keyboards and for who cannot see it.
+// The mission as lists, with all functions of the map, for keyboards and screen readers.
 
 import { useState } from "react";
 import { operator as texts } from "../../texts";
@@ -60,7 +60,7 @@ function NodeRow({ node, picked, onPick, edit }: RowProps) {
   const [typed, setTyped] = useState(name);
   const rename = () => {
     edit({ kind: "rename", name, to: typed });
-    // A name that is empty or taken is not taken over.
+    // An empty or duplicate name is rejected.
     setTyped(name);
   };
   return (
@@ -94,7 +94,7 @@ export function Ways({ draft, edit }: Pick<Props, "draft" | "edit">) {
   const names = draft.nodes.map(({ name }) => name);
   const [from, setFrom] = useState("");
   const [to, setTo] = useState("");
-  // Whatever was chosen may have been renamed or removed.
+  // The chosen node may have been renamed or removed.
   const a = names.includes(from) ? from : (names[0] ?? "");
   const b = names.includes(to) ? to : (names[1] ?? "");
   return (

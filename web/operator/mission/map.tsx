@@ -1,4 +1,4 @@
-// The building, with its landmarks and the mission that is being drawn on it. Metres, y up; drawn with y down.
+// The building, with its landmarks and the draft on it. Metres, y up; drawn with y down.
 
 import type { PointerEvent } from "react";
 import { operator as texts } from "../../texts";
@@ -8,9 +8,9 @@ import { type Draft, type DraftNode, nodeOf, type Place, type Site } from "./dra
 interface Props {
   readonly world: World;
   readonly draft: Draft;
-  /** The node from which a way is being drawn, or that was chosen in the list. */
+  /** The node at which a path starts, or that was chosen in the list. */
   readonly picked: string | undefined;
-  /** With how many metres a finger may miss. */
+  /** `reach_m`: tolerance of a tap. */
   readonly onTap: (at: Place, reach_m: number) => void;
 }
 

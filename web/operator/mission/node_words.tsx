@@ -1,4 +1,4 @@
-// What a robot does at a node, and when the node counts: the words of the file that are no place on the map.
+// A node's actions and conditions: the fields of the file that have no place on the map.
 
 import { operator as texts } from "../../texts";
 import type { DraftNode, Edit, Words } from "./draft";
@@ -15,7 +15,7 @@ export function NodeWords({ node, edit }: { readonly node: DraftNode; readonly e
           <label key={word}>
             {texts.nodeWords[word]}
             <input
-              // An undone edit comes back with another value.
+              // Undo can change the value.
               key={shown}
               data-testid={`word-${word}`}
               defaultValue={shown}
@@ -34,7 +34,7 @@ export function NodeWords({ node, edit }: { readonly node: DraftNode; readonly e
   );
 }
 
-/** Words as they are typed: `1.5`, `pick shelf=3`, `door open, go`. */
+/** Values as they are typed: `1.5`, `pick shelf=3`, `door open, go`. */
 export function shownWord(value: unknown): string {
   if (Array.isArray(value)) return value.join(", ");
   if (typeof value === "string" || typeof value === "number") return String(value);
@@ -42,7 +42,7 @@ export function shownWord(value: unknown): string {
   return [name, ...Object.entries(args ?? {}).map(([key, each]) => `${key}=${String(each)}`)].join(" ");
 }
 
-/** The value of a typed word; what cannot be read is left for the compiler to complain of. */
+/** The value of a typed field; invalid input is left for the compiler to report. */
 export function readWord(word: Word, typed: string): unknown {
   const text = typed.trim();
   if (text === "") return undefined;

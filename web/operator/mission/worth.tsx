@@ -1,4 +1,4 @@
-// What a compiled mission is worth: what an attacker with the file must try, what the robot must, and what looks wrong.
+// The audit of a compiled mission: the attacker's work, the robot's work, and warnings.
 
 import { operator as texts } from "../../texts";
 import type { Compiled, WorthRow } from "./desk";
@@ -14,18 +14,18 @@ const UNITS = [
 
 const COSTS = ["most", "nearest", "plan"] as const;
 
-/** A time in the unit that people would use. */
+/** A duration in a convenient unit. */
 export function span(seconds: number): string {
   for (const [size, unit] of UNITS) if (seconds >= size) return `${brief(seconds / size)} ${unit === "years" || unit === "days" ? texts.units[unit] : unit}`;
   return `${brief(seconds * 1e6)} µs`;
 }
 
-/** Three digits that matter. */
+/** Three significant digits. */
 export function brief(value: number): string {
   return value >= 1e5 ? value.toExponential(2).replace("e+", "e") : String(Number(value.toPrecision(3)));
 }
 
-/** What looks wrong, node by node, as the command tells it. */
+/** Warnings, node by node, as the command prints them. */
 export function findings({ rows, unseen }: Compiled): readonly string[] {
   return [
     ...rows.flatMap((row) => looks(row).map((look) => `${row.name}: ${look}`)),

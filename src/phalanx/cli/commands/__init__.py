@@ -1,4 +1,4 @@
-"""What the command line looks like: names, options, help. What a command does is in phalanx.cli, imported when it runs.
+"""Declarations of the commands: names, options and help. The implementations are in phalanx.cli, imported on demand.
 
-Nothing here imports numpy or a network library: help and completion are there at once.
+No module here imports numpy or a network library, so help and completion respond at once.
 """

@@ -1,4 +1,4 @@
-"""`phalanx attack`: the ways a robot can lie, and what each defence makes of them."""
+"""`phalanx attack`: attacks by compromised robots and on missions, and the defences against them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from phalanx.cli.options import OUT_FOLDER, option, runs
 
 @click.group(epilog="Example: phalanx attack run spoof --defence none")
 def attack() -> None:
-    """Compromise a robot or a mission, and see the damage and what stops it."""
+    """Compromise a robot or a mission, and measure the damage with each defence."""
 
 
 @attack.command("list", epilog="Example: phalanx attack list --json")
@@ -28,21 +28,21 @@ def list_attacks() -> None:
 @options.defence_option(
     default="hardened",
     show_default=True,
-    help="No defence, the paper's, or ours. For a mission: plain, profile paper unsigned, or sealed and signed.",
+    help="none, paper or hardened. On missions: not encoded; profile paper, unsigned; or profile sealed, signed.",
 )
 @options.swarm_options
 @options.controller_option
 @options.json_option
 @runs("attack", "run")
 def run() -> None:
-    """Run the attack NAME, and the same run without it. Print the damage, and when the robot was stopped.
+    """Run the attack NAME and the same run without it. Print the damage, and when the robot was stopped.
 
     By default 25 robots flock to (500, 500) for 150 s, and the attack begins at 15 s.
 
-    Ends with 1 if a promise was broken: the compromised robot was not stopped in time or used more airtime than its
-    a-node allows, or a correct robot with a quorum was stopped. Also if an attack on a mission has another verdict
-    than phalanx attack list says. Such attacks run on one robot in a small building, or four that audit each other,
-    and take --defence, --seed and --json only.
+    Exit with 1 if a promise was broken: the compromised robot was not stopped in time or used more airtime than its
+    a-node allows, or a correct robot with a quorum was stopped. Also exit with 1 if an attack on a mission ends with
+    another verdict than phalanx attack list shows. Attacks on missions run on one robot in a small building, or on
+    four that audit each other. They accept --defence, --seed and --json only.
     """
 
 
@@ -53,13 +53,13 @@ def run() -> None:
 @option(
     "--controller",
     "controllers",
-    help="A protocol: a bundled controller, mission, team, or your own; repeatable. Default: all that come with"
-    " phalanx.",
+    help="Protocol to attack: a bundled controller, mission, team, or your own controller; repeatable. Default:"
+    " all bundled protocols.",
     multiple=True,
     shell_complete=a_scenario_s_controller,
     metavar="NAME|FILE.py:CLASS",
 )
-@option("--seeds", type=click.IntRange(1, 10_000), default=3, help="Number of seeds for each.", metavar="N")
+@option("--seeds", type=click.IntRange(1, 10_000), default=3, help="Number of seeds for each combination.", metavar="N")
 @options.cluster_options
 @option("--out", type=OUT_FOLDER, default=Path("out/scorecard"), help="Folder for the runs, the CSV and the pictures.")
 @options.json_option
@@ -67,6 +67,6 @@ def run() -> None:
 def scorecard() -> None:
     """Run every attack against every defence in every protocol, and write a table of damage, stops and cost.
 
-    Runs that are in --out already are not repeated: after Ctrl-C, or with more seeds or attacks, the same command
-    continues. Ends with 1 if it was stopped, a run failed, or defence hardened broke a promise.
+    Runs that are already in --out are not repeated: after Ctrl-C, or with more seeds or attacks, the same command
+    continues. Exit with 1 if interrupted, if a run failed, or if defence hardened broke a promise.
     """

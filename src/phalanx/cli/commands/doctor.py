@@ -1,4 +1,4 @@
-"""`phalanx doctor`: what is here, what is missing, what to do about it."""
+"""`phalanx doctor`: check the installation, and print how to fix it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from phalanx.cli.options import option, runs
 
 
 @click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")
-@option("--broker", help="Also try to reach this broker: mqtt(s):// or ws(s):// URL.")
+@option("--broker", help="Also try to connect to this broker: mqtt(s):// or ws(s):// URL.")
 @options.broker_ws_option
 @options.root_option
 @options.login_option
 @options.json_option
 @runs("doctor", "doctor")
 def doctor() -> None:
-    """Look at what is installed, which ports are free, the clock, and whether a broker is reachable."""
+    """Check the installation, free ports, the clock, and whether a broker is reachable."""

@@ -1,4 +1,4 @@
-"""`phalanx keys`: a swarm's master key, mission keys, and keys that sign."""
+"""`phalanx keys`: the master keys, mission keys and signing keys of a swarm."""
 
 from __future__ import annotations
 
@@ -24,43 +24,43 @@ def keys() -> None:
 @passphrase_option
 @runs("keys", "make")
 def create() -> None:
-    """Create a file of keys, encrypted with a passphrase. If you lose it, you need new boards."""
+    """Create a key file, encrypted with a passphrase. Without the passphrase the boards have to be replaced."""
 
 
 @keys.command(epilog="Example: phalanx keys provision lab.keys 7 --out robot-7.bin")
 @file_argument
 @robot_argument
-@out_option("File for the board: the robot's id (two bytes) and its master key (twenty).")
+@out_option("File for the board: the robot's id (2 bytes) and its master key (20 bytes).")
 @passphrase_option
 @runs("keys", "provision")
 def provision() -> None:
-    """Create the master key for a robot's trusted nodes, once, and write it to a file."""
+    """Create the master key of a robot's trusted nodes and write it to a file. Works once per robot."""
 
 
 @keys.command(epilog="Example: phalanx keys issue lab.keys --out mission.json")
 @file_argument
-@out_option("The mission key, encrypted for each robot: only its trusted nodes can read it.")
-@option("--rotate", is_flag=True, help="Also make new keys for orders, stops and advice.")
+@out_option("File for the mission key, encrypted for each robot: only its trusted nodes can decrypt it.")
+@option("--rotate", is_flag=True, help="Also create new keys that sign orders, stops and advice.")
 @option(
     "--mission",
     metavar="SCENARIO",
     shell_complete=a_scenario,
-    help="Sign which mission the key is for, so that phalanx robot verify can check it.",
+    help="Mission that the key is for: signed into the file, and checked by phalanx robot verify.",
 )
 @passphrase_option
 @runs("keys", "issue")
 def issue() -> None:
-    """Issue the key of the next mission to all robots that are not retired."""
+    """Issue the next mission's key to all robots that are not retired."""
 
 
 @keys.command(epilog="Example: phalanx keys rotate lab.keys --out mission.json")
 @file_argument
-@out_option("The mission key, as for issue.")
+@out_option("File for the mission key, as for issue.")
 @passphrase_option
 @click.pass_context
-def rotate(context: click.Context, /, **said: Any) -> None:
-    """Issue the next mission's key, and new keys for orders, stops and advice: the same as issue --rotate."""
-    context.invoke(issue, rotate=True, **said)
+def rotate(context: click.Context, /, **options: Any) -> None:
+    """Issue the next mission's key, and new keys for orders, stops and advice; same as issue --rotate."""
+    context.invoke(issue, rotate=True, **options)
 
 
 @keys.command(epilog="Example: phalanx keys retire lab.keys 7")
@@ -69,7 +69,7 @@ def rotate(context: click.Context, /, **said: Any) -> None:
 @passphrase_option
 @runs("keys", "retire")
 def retire() -> None:
-    """Exclude a lost robot from all missions to come."""
+    """Exclude a lost robot from all future missions."""
 
 
 @keys.command(name="list", epilog="Example: phalanx keys list lab.keys --json")
@@ -78,14 +78,14 @@ def retire() -> None:
 @passphrase_option
 @runs("keys", "show")
 def list_() -> None:
-    """Show which robots have a master key, how many missions were issued, and the public keys."""
+    """List the robots that have a master key, the number of missions issued, and the public keys."""
 
 
 @keys.command(epilog="Example: phalanx keys export lab.keys missions --out operator.pem")
 @file_argument
 @click.argument("signer", type=click.Choice(["missions", "orders", "stops", "advice"]))
-@out_option("PEM file, for mission build --sign-key; the public one is for mission verify --trust.")
-@option("--public", is_flag=True, help="Write the public key, which checks signatures.")
+@out_option("PEM file, for mission build --sign-key; with --public, for mission verify --trust.")
+@option("--public", is_flag=True, help="Write the public key instead, to verify signatures.")
 @passphrase_option
 @runs("keys", "export")
 def export() -> None:
@@ -95,7 +95,7 @@ def export() -> None:
 @keys.command(epilog="Example: phalanx keys passphrase lab.keys")
 @file_argument
 @passphrase_option
-@option("--new-passphrase-file", help="Its first line is the new one; without, you are asked.", type=FILE)
+@option("--new-passphrase-file", help="File whose first line is the new passphrase. Default: prompt for it.", type=FILE)
 @runs("keys", "renew_passphrase")
 def passphrase() -> None:
     """Encrypt the file with another passphrase."""

@@ -1,4 +1,4 @@
-"""`phalanx reproduce`: the papers' figures, ours beside theirs; one command for each figure there is."""
+"""`phalanx reproduce`: measure the papers' figures again; one command for each figure."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from phalanx.cli.options import PROCESSES, json_option, login_option, option, ou
 from phalanx.papers.figure import FIGURES, SEEDS, Figure
 
 NOTES = (
-    "After Ctrl-C the same command continues. It keeps the runs that are in the folder already, and draws when all are "
-    "there."
+    "After Ctrl-C the same command continues: it keeps the runs that are already in the folder. The figure is drawn "
+    "when all runs are complete."
 )
 FINDINGS = (
-    " Ends with 0 when it is drawn, whether or not ours agrees with the paper: the last line says. With fewer than ten "
-    "seeds it does not judge."
+    " The exit code is 0 if the figure is drawn. The last line says whether it agrees with the paper, from ten seeds "
+    "on."
 )
 
 
-quick_option = option("--quick", help="Measure less, for instance two seeds, unless a number is given.", is_flag=True)
+quick_option = option("--quick", help="Measure less, such as two seeds, unless options set a number.", is_flag=True)
 
 
 dealing_options = together(
     option(
         "--scheduler",
         metavar="ADDRESS",
-        help="Address of a dask scheduler whose workers measure, as tcp://10.0.0.1:8786.",
+        help="Measure on the workers of this dask scheduler, such as tcp://10.0.0.1:8786.",
     ),
     option(
         "--workers",
         type=PROCESSES,
-        help="Measure in this many processes. Default: in this one.",
+        help="Measure in this many processes. Default: in one.",
         metavar="N",
     ),
 )
@@ -40,7 +40,7 @@ dealing_options = together(
 
 @click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")
 def reproduce() -> None:
-    """Measure a figure of one of the papers and draw ours beside it."""
+    """Measure a figure of one of the papers and draw it beside the paper's."""
 
 
 @reproduce.command("all", epilog="Example: phalanx reproduce all --quick --out out/papers")
@@ -50,11 +50,11 @@ def reproduce() -> None:
 @json_option
 @runs("reproduce", "reproduce_all")
 def reproduce_all() -> None:
-    """Measure all figures and tables, and write one page: what each paper says, ours, and whether they agree.
+    """Measure all figures and tables, and write one page that compares each with the paper.
 
-    The page is reproduction.md, beside the CSVs and pictures. Each figure goes on where it was stopped, and one that
-    cannot be measured does not end the others. Figures that time something are measured here, whatever --workers and
-    --scheduler say. Ends with 1 if it was stopped, or one could not be measured.
+    The page is reproduction.md, beside the CSVs and pictures. Each figure continues where it was interrupted; if one
+    cannot be measured, the others still are. Figures that measure times ignore --workers and --scheduler. Exit with 1
+    if interrupted, or if a figure could not be measured.
     """
 
 

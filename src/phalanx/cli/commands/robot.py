@@ -1,4 +1,4 @@
-"""`phalanx robot`: one robot as a process of its own, and a world for such processes."""
+"""`phalanx robot`: run one robot as a process, or several in a simulated field."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def robot() -> None:
 @robot_argument
 @runs("robot", "run")
 def run() -> None:
-    """Run the robot in ROBOT.yaml until a signal ends it. Each run needs a new mission key."""
+    """Run the robot in ROBOT.yaml until SIGINT or SIGTERM. Each run needs a new mission key."""
 
 
 @robot.command(epilog="Example: phalanx robot ros2 robot-1.yaml --namespace r1 -- --ros-args -p ahead_m:=0.3")
@@ -32,7 +32,7 @@ def run() -> None:
 def ros2() -> None:
     """Run the robot in ROBOT.yaml as a guard between cmd_vel_raw and cmd_vel of ROS 2.
 
-    It needs ROS 2: pip install '.[ros2]' in a clone.
+    Requires ROS 2: pip install '.[ros2]' in a clone.
     """
 
 
@@ -44,15 +44,15 @@ def ros2() -> None:
     "--sign",
     type=FILE,
     metavar="ADVICE.pem",
-    help="Sign advice with this key; the mission has its public part as adviser_key.",
+    help="Sign advice with this key; the mission contains its public key as adviser_key.",
 )
-@option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --sign.")
+@option("--key", "issued", type=FILE, metavar="MISSION.json", help="File of phalanx keys issue; with --sign.")
 @option(
     "--robot",
     "robots_at",
     multiple=True,
     metavar="N=ADDRESS",
-    help="Answer robot N at this UDP address only; repeatable.",
+    help="Accept robot N from this UDP address only; repeatable.",
 )
 @runs("robot", "advise")
 def advise() -> None:
@@ -70,9 +70,9 @@ def provision() -> None:
 
 @robot.command(epilog="Example: phalanx robot arena --robots 8 --attack hijack:robot=3,at=10 --loss 0.2 --json")
 @click.argument("scenario", default="flock-12", shell_complete=a_scenario)
-@option("--robots", type=int, metavar="N", help="Number of robots; each is a process, with one for its trusted nodes.")
+@option("--robots", type=int, metavar="N", help="Number of robots: each is a process, plus one for its trusted nodes.")
 @option("--duration", "duration_s", type=float, metavar="S", help="Seconds of real time.")
-@option("--f-max", type=int, metavar="F", help="How many compromised robots the mission tolerates.")
+@option("--f-max", type=int, metavar="F", help="Number of compromised robots that the mission tolerates.")
 @option("--seed", type=int, metavar="S", help="Seed of all random numbers.")
 @option(
     "--attack",
@@ -87,30 +87,30 @@ def provision() -> None:
     "--on-air",
     multiple=True,
     metavar="NAME[:robot=I,at=T]",
-    help="Attack by a robot's radio, past its a-node: past, replay, hold or foreign-key; repeatable.",
+    help="Attack by a radio that bypasses the a-node: past, replay, hold or foreign-key; repeatable.",
 )
-@option("--loss", type=SHARE, help="Share of packets lost; those to one robot are sent again. Default: SCENARIO's.")
-@option("--repeats", type=SHARE, default=0.0, help="Share of packets that arrive twice.")
-@option("--delay-ms", type=click.FloatRange(0, 10_000), default=5.0, help="Packets are delayed by up to this.")
+@option("--loss", type=SHARE, help="Share of packets lost; unicast packets are retransmitted. Default: SCENARIO's.")
+@option("--repeats", type=SHARE, default=0.0, help="Share of packets duplicated.")
+@option("--delay-ms", type=click.FloatRange(0, 10_000), default=5.0, help="Maximum delay of a packet.")
 @option(
-    "--speed", type=click.FloatRange(0.05, 1), default=1.0, help="Run at this share of real time, on a busy machine."
+    "--speed", type=click.FloatRange(0.05, 1), default=1.0, help="Speed as a share of real time, for busy machines."
 )
 @option(
     "--cut",
     type=int,
     default=0,
     metavar="N",
-    help="Cut the radio in two: the first N robots and the others do not hear each other.",
+    help="Partition the radio network: the first N robots and the others do not receive each other.",
 )
-@option("--cut-at", "cut_at_s", type=float, default=10.0, metavar="S", help="Second of the cut.")
-@option("--clock-ppm", type=int, default=0, metavar="PPM", help="Each robot's clock runs fast or slow by up to this.")
+@option("--cut-at", "cut_at_s", type=float, default=10.0, metavar="S", help="Time of the partition, seconds.")
+@option("--clock-ppm", type=int, default=0, metavar="PPM", help="Maximum clock drift of each robot, fast or slow.")
 @options.controller_option
 @option(
     "--planner",
     metavar="FILE.py:CLASS|unix:PATH|udp:ADDRESS:PORT",
     help="Planner for guarded robots: a class, or the address of phalanx robot advise.",
 )
-@option("--keep", type=OUT_FOLDER, help="Keep the robots' files in this new folder. Default: they are deleted.")
+@option("--keep", type=OUT_FOLDER, help="Keep the robots' files in this new folder. Default: delete them.")
 @options.record_option
 @options.json_option
 @runs("arena", "arena")
@@ -123,12 +123,12 @@ def arena() -> None:
 @options.json_option
 @runs("robot", "status")
 def status() -> None:
-    """Show the tokens of a running robot, the audits that it did and refused, and its delays."""
+    """Show a running robot's tokens, the audits that it answered and refused, and its delays."""
 
 
 @robot.command(epilog="Example: phalanx robot log robot-3.yaml --out robot-3.mcap")
 @robot_argument
-@out_option("File of the recording.", metavar="FILE.mcap")
+@out_option("File for the recording.", metavar="FILE.mcap")
 @runs("evidence", "log")
 def log() -> None:
     """Save the log of the last mission as a recording, for phalanx robot verify."""
@@ -138,18 +138,18 @@ def log() -> None:
 @click.argument("file", type=FILE, metavar="FILE")
 @options.controller_option
 @option(
-    "--keys", type=FILE, metavar="FILE.keys", help="The file of phalanx keys, to check the MACs of its trusted nodes."
+    "--keys", type=FILE, metavar="FILE.keys", help="Key file of phalanx keys, to check the MACs of the trusted nodes."
 )
-@option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --keys.")
+@option("--key", "issued", type=FILE, metavar="MISSION.json", help="File of phalanx keys issue; with --keys.")
 @options.passphrase_option
-@option("--trust", multiple=True, metavar="KEY", help="Who must have signed its mission: 64 hex digits, or a PEM file.")
+@option("--trust", multiple=True, metavar="KEY", help="Trusted signer of the mission: 64 hex digits, or a PEM file.")
 @options.json_option
 @runs("evidence", "verify")
 def verify() -> None:
     """Replay the log in FILE, and print where the robot first deviated.
 
-    FILE is a recording, or a daemon's own log. Ends with 1 if the robot deviated. Without --keys, the log is only what
-    the robot's computer claims. With --keys, also ends with 1 if its trusted nodes' MACs do not prove the log, or if
+    FILE is a recording, or a daemon's own log. Exit with 1 if the robot deviated. Without --keys, the log is only what
+    the robot's computer claims. With --keys, also exit with 1 if its trusted nodes' MACs do not prove the log, or if
     the mission is not the one that phalanx keys issue --mission signed.
     """
 

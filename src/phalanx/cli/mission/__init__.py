@@ -1,1 +1,1 @@
-"""Commands of `phalanx mission`, imported when they run."""
+"""Implementations of `phalanx mission`, imported on demand."""

@@ -1,4 +1,4 @@
-"""Encode missions, print them, check them and draw them, for their author."""
+"""Encode, inspect, verify and draw missions."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ from .draw import lived
 from .files import building, check_folder, doors_of, parse_robots, parse_window, read_encoded, read_plain
 from .run import parse_start
 
-WARNINGS = 10  # told by build
-TELL_LOCKS = 16  # from one word of progress to the next
-# What a header that is silent about these says.
-UNLIMITED = {"robots": "anybody", "valid_to_s": "for ever", "signer": "nobody", "flags": "none"}
+WARNINGS = 10  # printed by build
+TELL_LOCKS = 16  # from one progress report to the next
+# Values of header fields that are unset.
+UNLIMITED = {"robots": "any", "valid_to_s": "unlimited", "signer": "none", "flags": "none"}
 FLAGS = ((REPEATABLE, "repeatable"), (ROAM, "roam"), (OPEN_START, "open start"))
 NODE_FLAGS = ((START, "start"), (FINAL, "final"), (JOIN, "join"))
 
@@ -60,7 +60,7 @@ def build_files(
     seed: int | None,
     as_json: bool,
 ) -> None:
-    """Writes the encoded mission, a file for each of its parts, and their start keys beside them."""
+    """Write the encoded mission, one file per part, and the start keys beside the files."""
     check_folder(out)
     begin, end = parse_window(valid)
     options = BuildOptions(
@@ -72,24 +72,24 @@ def build_files(
         offset_mm=offset_mm,
     )
     key = read_signing_key(sign_key) if sign_key else None
-    eye = LidarConfig.parse(lidar)
+    scanner = LidarConfig.parse(lidar)
     if source is None:
-        told, floor = explored(plan, start, "build", doors, eye)
-        _warn(told, options.profile, look_ahead(told, None, floor, eye), f"--map {plan} ", floor.extraction)
+        mission, floor = explored(plan, start, "build", doors, scanner)
+        _warn(mission, options.profile, look_ahead(mission, None, floor, scanner), f"--map {plan} ", floor.extraction)
     else:
-        told = checked(source, plan, start, doors)
-        _warn(told, options.profile, None, "MISSION.yaml ", _doors(plan or told.floor_plan, doors))
+        mission = checked(source, plan, start, doors)
+        _warn(mission, options.profile, None, "MISSION.yaml ", _doors(plan or mission.floor_plan, doors))
     if seed is not None:
-        click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
+        click.echo("phalanx: warning: built from a seed: anybody who knows the seed can read the mission", err=True)
     rows = []
-    for one in _build(told, options, os.urandom if seed is None else _seeded(seed)):
+    for one in _build(mission, options, os.urandom if seed is None else _seeded(seed)):
         path = out.with_stem(f"{out.stem}-{one.part}") if one.part else out
         signed = one.mission if key is None else sign(one.mission, key)
         data = signed.encode()
         try:
             path.write_bytes(data)
         except OSError as error:
-            raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another --out") from error
+            raise Unavailable(f"cannot write {path}: {error.strerror}", "use another --out") from error
         row: dict[str, Any] = {"file": str(path), "bytes": len(data), **_summary(signed)}
         if (one.key.gates and not open_start) or one.key.messages:
             secret = path.with_name(path.name + ".key")
@@ -97,30 +97,31 @@ def build_files(
             row["key"] = str(secret)
         rows.append(row)
     if as_json:
-        print_json({"mission": told.name, "files": rows})
+        print_json({"mission": mission.name, "files": rows})
         return
     for row in rows:
         signer = f"signed by {row['signer'][:16]}…" if row["signer"] else "not signed"
         click.echo(f"{row['file']}   {row['nodes']} nodes   {row['bytes']} bytes   {row['profile']}   {signer}")
         if "key" in row:
-            click.echo(f"{row['key']}   start key: send it over the link, keep it from everybody else")
+            click.echo(f"{row['key']}   start key: send it to the robots, and keep it secret")
 
 
 def explored(
     name: str | None, start: str | None, what: str, doors: str | None = None, lidar: LidarConfig | None = None
 ) -> tuple[Mission, FloorPlan]:
-    """Return the mission to find all landmarks of a map, and the map with a start. Raises: UsageError: no map."""
+    """Return a mission that finds all landmarks of a map, and the map with a start. Raises: UsageError: no map."""
     if name is None:
-        raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in('missions'))}, or --map MAP")
+        known = ", ".join(built_in("missions"))
+        raise UsageError(f"nothing to {what}", f"give a YAML file, one of {known}, or --map MAP")
     plan, begin = building(name, doors, swept=True), None if start is None else parse_start(start)
     if begin is None and plan.start is None:
-        begin = most_spacious_start(building(name, doors))  # where no dust lies either: it may be something
-        where = f"in its roomiest place, for run: --start {begin[0]},{begin[1]}"
-        talk(f"{plan.name} does not say where robots begin: {where}")
+        begin = most_spacious_start(building(name, doors))  # on the map with dust: it may be an obstacle
+        where = f"using its most open space, --start {begin[0]},{begin[1]} of run"
+        talk(f"{plan.name} has no start: {where}")
     plan = plan if begin is None else with_start(plan, begin)
     if plan.dust:
-        talk(f"{plan.name}: {counted(plan.dust, 'lone cell')} left out as dust, each of which robots get around")
-    status_line(f"looking for landmarks and ways: {len(plan.walls)} walls")
+        talk(f"{plan.name}: {counted(plan.dust, 'lone cell')} ignored as dust: robots avoid single cells")
+    status_line(f"searching landmarks and paths: {len(plan.walls)} walls")
     try:
         return survey(plan, lidar=lidar), plan
     finally:
@@ -128,41 +129,42 @@ def explored(
 
 
 def checked(source: str, plan: str | None, start: str | None, doors: str | None = None) -> Mission:
-    """A plain mission; warns of landmarks that a floor plan does not show. Raises: UsageError: it cannot be read."""
+    """Return a plain mission; warn of landmarks that the floor plan lacks. Raises: UsageError: it cannot be read."""
     if start is not None:
-        raise UsageError("--start is for missions made from a map", "the mission's start node says where it begins")
+        raise UsageError("--start is for missions made from a map", "leave it out: the mission's start node has it")
     floor = building(plan, doors) if plan else None
-    told = read_plain(source)
+    mission = read_plain(source)
     if floor is not None:
         sites = landmarks_of(floor)
-        for node in told.nodes:
+        for node in mission.nodes:
             for alias in node.see:
                 for thing in alias:
                     if isinstance(thing, Landmark) and not is_shown(thing, sites):
-                        click.echo(f"phalanx: warning: {node.name}: the map shows no such {thing.type}", err=True)
-    return told
+                        click.echo(f"phalanx: warning: {node.name}: no such {thing.type} on the map", err=True)
+    return mission
 
 
 def _doors(plan: str | None, doors: str | None) -> ExtractionConfig | None:
-    """Which doors robots see, as --door-width says, or else the map, if it is there."""
+    """Return the door widths of --door-width, or else of the map if it exists."""
     if doors is not None:
         return doors_of(doors)
     try:
         return load_floorplan(plan).extraction if plan else None
     except UsageError:
-        return None  # whoever needs the map says so
+        return None  # reported where the map is needed
 
 
-def _warn(told: Mission, profile: Profile, outlook: Outlook | None, of: str, doors: ExtractionConfig | None) -> None:
-    report = audit(told, profile, outlook=outlook, doors=doors)
-    looks = [f"{row.name}: {problem}" for row in report.nodes for problem in row.problems]
+def _warn(mission: Mission, profile: Profile, outlook: Outlook | None, of: str, doors: ExtractionConfig | None) -> None:
+    report = audit(mission, profile, outlook=outlook, doors=doors)
+    problems = [f"{row.name}: {problem}" for row in report.nodes for problem in row.problems]
     if report.feasible is False:
-        dark = [f"{row.name} {row.infeasible[0]}" for row in report.nodes if row.infeasible]
-        looks = [f"no robot can be expected to live it to its end: {len(dark)} nodes, first {dark[0]}", *looks]
-    for line in looks[:WARNINGS]:
+        infeasible = [f"{row.name} {row.infeasible[0]}" for row in report.nodes if row.infeasible]
+        count = len(infeasible)
+        problems = [f"no robot is expected to complete it: {count} infeasible nodes, first {infeasible[0]}", *problems]
+    for line in problems[:WARNINGS]:
         click.echo(f"phalanx: warning: {line}", err=True)
-    if len(looks) > WARNINGS:
-        more = f"{len(looks) - WARNINGS} more; phalanx mission audit {of}--profile {profile.name.lower()} tells them"
+    if len(problems) > WARNINGS:
+        more = f"{len(problems) - WARNINGS} more; phalanx mission audit {of}--profile {profile.name.lower()} lists them"
         click.echo(f"phalanx: warning: {more}", err=True)
 
 
@@ -171,8 +173,8 @@ def _seeded(seed: int) -> Callable[[int], bytes]:
     return lambda size: hashlib.shake_256(f"phalanx mission {seed} {next(count)}".encode()).digest(size)
 
 
-def _build(told: Mission, options: BuildOptions, random: Callable[[int], bytes]) -> list[Built]:
-    locks = sum(len(node.see) for node in told.nodes)
+def _build(mission: Mission, options: BuildOptions, random: Callable[[int], bytes]) -> list[Built]:
+    locks = sum(len(node.see) for node in mission.nodes)
     done = 0
     progress = Progress()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -186,7 +188,7 @@ def _build(told: Mission, options: BuildOptions, random: Callable[[int], bytes])
                 yield answer
 
         try:
-            return build(told, options, random, spread)
+            return build(mission, options, random, spread)
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -211,7 +213,7 @@ def _summary(encoded: EncodedMission) -> dict[str, Any]:
 
 
 def inspect(file: Path, as_json: bool) -> None:
-    """Prints what anybody can read in an encoded mission."""
+    """Print the unencrypted content of an encoded mission."""
     encoded = read_encoded(file)
     nodes: list[dict[str, Any]] = [
         {
@@ -236,7 +238,7 @@ def inspect(file: Path, as_json: bool) -> None:
 
 
 def verify(file: Path, trust: tuple[str, ...], robot: int | None, now_s: float | None, as_json: bool) -> int:
-    """Checks that a mission is whole and signed, and prints by whom. Raises: PeerError: it is not."""
+    """Check that a mission is complete and signed, and print its signer. Raises: PeerError: it is not."""
     trusted = [read_trusted(key) for key in trust] or None
     try:
         encoded = read_encoded(file)
@@ -252,21 +254,21 @@ def verify(file: Path, trust: tuple[str, ...], robot: int | None, now_s: float |
     if as_json:
         print_json({"ok": True, "trusted": trusted is not None, **_summary(encoded)})
     else:
-        whom = "trusted" if trusted else "whole; signed by"
-        click.echo(f"{file}   {whom} {encoded.signer.hex()}")
+        verdict = "complete; signed by trusted" if trusted else "complete; signed by"
+        click.echo(f"{file}   {verdict} {encoded.signer.hex()}")
     return 0
 
 
 def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:
-    """Writes a picture of a mission; also of a run of it, if `simulate`."""
+    """Draw a mission, and with `simulate` also a run of it."""
     check_drawable(out)
-    told = explored(plan, start, "draw")[0] if source is None else checked(source, None, start)
-    name = plan or told.floor_plan
+    mission = explored(plan, start, "draw")[0] if source is None else checked(source, None, start)
+    name = plan or mission.floor_plan
     floor = load_floorplan(name) if name else None
     if simulate and floor is None:
-        raise UsageError("no map to simulate a robot on", "--map MAP, or map: NAME in the mission")
-    reports = lived(told, floor, seed) if simulate and floor is not None else []
-    draw_mission(told, floor, out, reports)
+        raise UsageError("no map to simulate a robot on", "use --map MAP, or map: NAME in the mission")
+    reports = lived(mission, floor, seed) if simulate and floor is not None else []
+    draw_mission(mission, floor, out, reports)
     for report in reports:
         end = "completed it" if report.done else f"stopped: {report.not_validated[-1][1]}"
         click.echo(f"robot {report.robot + 1}: {len(report.decoded)} nodes, {report.t_s:.0f} s, {end}", err=True)

@@ -1,4 +1,4 @@
-"""`phalanx mission crack`: the brute force of a captured mission, really run."""
+"""`phalanx mission crack`: run a brute-force attack on a captured mission."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .files import parse_box, read_encoded, read_start_key
 
 
 def span(seconds: float) -> str:
-    """A time in the unit that people would use."""
+    """Return a duration as text, in a convenient unit."""
     for size, unit in ((31_557_600, "years"), (86_400, "days"), (3600, "h"), (60, "min"), (1, "s"), (1e-3, "ms")):
         if seconds >= size:
             return f"{seconds / size:.3g} {unit}"
@@ -33,16 +33,16 @@ def span(seconds: float) -> str:
 def crack(
     file: Path, key: Path | None, box: str, plan: str | None, offset_mm: int, budget: float, as_json: bool
 ) -> int:
-    """Tries to read a captured mission by brute force, for `budget` seconds; 1 if nothing gave."""
+    """Try to read a captured mission by brute force for `budget` seconds. Return 1 if nothing was found."""
     encoded, area = read_encoded(file), parse_box(box)
     if plan and encoded.header.profile is Profile.PAPER:
         raise UsageError("--map with the paper profile", "leave it out: all places are tried in seconds")
-    shown = shown_by(load_floorplan(plan), offset_mm) if plan else None
+    map_places = shown_by(load_floorplan(plan), offset_mm) if plan else None
     started = time.perf_counter()
     tries, of = 0, 0
     found: list[tuple[GuessedNode, float]] = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for batch in _attack(encoded, key, area, pool, shown):
+        for batch in _attack(encoded, key, area, pool, map_places):
             tries, of = tries + batch.tries, batch.of
             spent = time.perf_counter() - started
             found += [(node, spent) for node in batch.found]
@@ -62,22 +62,22 @@ def _attack(
     key: Path | None,
     area: tuple[float, float, float, float],
     pool: ThreadPoolExecutor,
-    shown: Shown | None,
+    map_places: Shown | None,
 ) -> Iterator[TriedBatch]:
     if encoded.header.profile is Profile.PAPER:
         return crack_paper(encoded, area)
     if key is not None:
         start = read_start_key(key)
         if start.mission_id != encoded.header.mission_id:
-            raise UsageError("the start key belongs to another mission", "build wrote both together")
+            raise UsageError("the start key belongs to another mission", "use the key that build wrote with it")
     elif encoded.header.flags & OPEN_START:
         start = parse_start_key(encoded.start)
     else:
         raise UsageError(
             "a sealed mission cannot be read without its start key: it is one of 2^256",
-            "--key FILE, if that was captured too",
+            "use --key FILE, if it was captured too",
         )
-    return crack_sealed(encoded, start, area, pool.map, shown)
+    return crack_sealed(encoded, start, area, pool.map, map_places)
 
 
 def _show_cracked(
@@ -85,8 +85,8 @@ def _show_cracked(
 ) -> None:
     rate = tries / spent_s if spent_s else 0.0
     paper, coding = encoded.header.profile is Profile.PAPER, encoded.header.coding
-    beyond = sum(not can_guess(shape) for shape in encoded.header.shapes)
-    # A sealed node that was not opened hides how many more gates come after it: what is known so far is extrapolated.
+    skipped = sum(not can_guess(shape) for shape in encoded.header.shapes)
+    # A sealed node hides the number of gates behind it, so this extrapolates from the nodes read so far.
     whole_s = of / rate if rate else 0.0
     if as_json:
         print_json(
@@ -100,7 +100,7 @@ def _show_cracked(
                 "tries_per_s": rate,
                 "extrapolated_s": whole_s,
                 "kdf": None if paper else {"log2_n": coding.kdf_log2_n, "r": coding.kdf_r},
-                "shapes_not_tried": beyond,
+                "shapes_not_tried": skipped,
             }
         )
         return
@@ -110,12 +110,12 @@ def _show_cracked(
     click.echo(
         f"{_read(found)} of {encoded.header.nodes} nodes read, {tries:.3g} tries in {span(spent_s)}, {rate:.3g}/s"
     )
-    what = "everything in this area" if paper else "everything behind the gates held now"
+    what = "all places in this area" if paper else "all gates read so far"
     click.echo(f"{what}: {of:.3g} tries, {span(whole_s)} at this rate")
-    if beyond:
-        click.echo(f"{beyond} kinds of conjunctions need more than a place, and were not tried")
+    if skipped:
+        click.echo(f"{skipped} kinds of conjunctions depend on more than a place, and were not tried")
 
 
 def _read(found: list[tuple[GuessedNode, float]]) -> int:
-    """Nodes, some of which were found by several aliases."""
+    """Return the number of nodes read; one node can be found by several aliases."""
     return len({node.node for node, _ in found})

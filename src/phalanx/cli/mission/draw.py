@@ -1,4 +1,4 @@
-"""`phalanx mission draw`: runs the robots whose paths are drawn."""
+"""`phalanx mission draw`: run the robots whose paths are drawn."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from phalanx.world.missions.orders import orders_of
 from phalanx.world.missions.report import Report
 from phalanx.world.missions.run import run_mission
 
-NOISE = OdometryNoise(0.03, 0.05)  # as phalanx mission run has it
+NOISE = OdometryNoise(0.03, 0.05)  # the defaults of phalanx mission run
 
 
 def lived(mission: Mission, plan: FloorPlan, seed: int) -> list[Report]:
-    """Run a robot for each part, in the paper profile, as it is faster. Raises: UsageError: a start has no room."""
-    draws = random.Random(seed).randbytes  # noqa: S311  # a simulation's secrets keep nobody out
+    """Run a robot for each part, in the paper profile, which is faster. Raises: UsageError: no room at a start."""
+    draws = random.Random(seed).randbytes  # noqa: S311  # the secrets of a simulation protect nothing
     orders = orders_of(mission, build(mission, BuildOptions(profile=Profile.PAPER), draws), plan)
     run = orders.run(noise=NOISE, seed=seed, keep_trace=True)
     progress = Progress()

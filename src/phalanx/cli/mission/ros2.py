@@ -1,4 +1,4 @@
-"""`phalanx mission ros2`: a robot of ROS 2 lives an encoded mission."""
+"""`phalanx mission ros2`: run an encoded mission on a ROS 2 robot."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .run import parse_start
 def ros2(
     file: Path,
     ros: tuple[str, ...],
-    said_start: str,
+    start_text: str,
     robot: int,
     doors: str | None,
     namespace: str,
@@ -32,7 +32,7 @@ def ros2(
     trust: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """A robot lives a mission until it is done, or nothing is left to try; 1 if it did not complete it."""
+    """Run a mission until it is completed or no attempt is left. Return 1 if it was not completed."""
     with needs_ros2():
         from phalanx.bridges.ros2.geometry import Place  # noqa: PLC0415 - an extra
         from phalanx.bridges.ros2.walk import Errand, RosWalk  # noqa: PLC0415
@@ -41,7 +41,7 @@ def ros2(
         check_signature(encoded, [read_trusted(each) for each in trust] or None)
     begin_s = time.time()
     admit(encoded, robot, begin_s, ())
-    x_m, y_m, yaw_rad = parse_start(said_start)
+    x_m, y_m, yaw_rad = parse_start(start_text)
     errand = Errand(
         mission=encoded,
         key=start_key_of(file, encoded, key, "--key"),
@@ -50,25 +50,25 @@ def ros2(
         begin_s=begin_s,
         extraction=doors_of(doors) if doors else ExtractionConfig(),
     )
-    with contextlib.closing(RosWalk(errand, namespace, ros, _tell)) as walk:
+    with contextlib.closing(RosWalk(errand, namespace, ros, _print_line)) as walk:
         run_until_stopped(walk.live())
-    lived = walk.lived
-    told: dict[str, Any] = {
-        "completed": lived.done,
-        "t_s": round(lived.t_s, 3),
+    outcome = walk.lived
+    summary: dict[str, Any] = {
+        "completed": outcome.done,
+        "t_s": round(outcome.t_s, 3),
         "nodes": len(encoded.nodes),
-        "decoded": [{"t_s": round(t_s, 3), "node": node, "name": name} for t_s, node, name in lived.decoded],
-        "not_validated": [{"t_s": round(t_s, 3), "reason": why} for t_s, why in lived.not_validated],
-        "actions": [{"t_s": round(t_s, 3), "action": name} for t_s, name in lived.actions],
-        "pose": lived.pose and [lived.pose.x_m, lived.pose.y_m, math.degrees(lived.pose.yaw_rad)],
+        "decoded": [{"t_s": round(t_s, 3), "node": node, "name": name} for t_s, node, name in outcome.decoded],
+        "not_validated": [{"t_s": round(t_s, 3), "reason": why} for t_s, why in outcome.not_validated],
+        "actions": [{"t_s": round(t_s, 3), "action": name} for t_s, name in outcome.actions],
+        "pose": outcome.pose and [outcome.pose.x_m, outcome.pose.y_m, math.degrees(outcome.pose.yaw_rad)],
     }
     if as_json:
-        print_json(told)
+        print_json(summary)
     else:
-        word = "completed" if lived.done else "not completed"
-        click.echo(f"{word}   {len(lived.decoded)} of {len(encoded.nodes)} nodes decoded   {lived.t_s:.0f} s")
-    return 0 if lived.done else 1
+        word = "completed" if outcome.done else "not completed"
+        click.echo(f"{word}   {len(outcome.decoded)} of {len(encoded.nodes)} nodes decoded   {outcome.t_s:.0f} s")
+    return 0 if outcome.done else 1
 
 
-def _tell(t_s: float, words: str) -> None:
+def _print_line(t_s: float, words: str) -> None:
     click.echo(f"{t_s:>7.1f} s   {words}", err=True)

@@ -1,4 +1,4 @@
-"""`phalanx mission run`: robots that know only the encoded graph live a mission in a simulated building."""
+"""`phalanx mission run`: run an encoded mission in a simulated building."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def run(
     key: Path | None,
     trust: tuple[str, ...],
     at_s: float | None,
-    said_start: str | None,
+    start_text: str | None,
     strangers: float,
     record: Path | None,
     as_json: bool,
     **how: Any,
 ) -> int:
-    """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
+    """Run a mission and print the outcome. Return 1 if a robot did not complete it."""
     if record is not None:
         check_folder(record)
     able = {
@@ -60,19 +60,19 @@ def run(
     }
     files, plain = Wanted(sources, furnish, key, trust, "--key").read()
     ids, count = _fleet(named, robots, len(files or (plain.parts if plain else ())))
-    if how["defence"] != "none":  # before anything is encoded
+    if how["defence"] != "none":  # before the mission is encoded
         check_count(count, how["f_max"])
-    start = parse_start(said_start) if said_start else None
+    start = parse_start(start_text) if start_text else None
     name = world or (plain.floor_plan if plain else "")
-    plan = _begun(building(name or DEFAULT, doors), told=start is not None)
+    plan = _with_start(building(name or DEFAULT, doors), is_given=start is not None)
     if not name:
-        talk(f"in {DEFAULT}; --world names another building")
+        talk(f"in {DEFAULT}; use --world for another building")
     if plain is not None and not files:
         files = _encoded(plain, profile, how["seed"])
     orders = orders_of_files(Path(sources[0]).stem, files, plan, plain, start)
     begin_s = float(max(encoded.header.valid_from_s for encoded, _ in files)) if at_s is None else at_s
     if not 0 <= begin_s < LONGEST_S:
-        raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
+        raise UsageError(f"--at {begin_s:g}", "use seconds since 1970")
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, ids[i :: len(files)], len(range(i, count, len(files))), begin_s)
     setting = orders.run(robots=count, **able, begin_s=begin_s, keep_trace=record is not None, **how)
@@ -87,37 +87,37 @@ def run(
         return stopped()
     end_status_line()
     unwritten = _unwritten(record, orders.plan, reports)
-    for line in _lacking(reports):
+    for line in _missing_in_world(reports):
         talk(line)
     told = summary(setting, reports)
     (print_json if as_json else _show)(told)
-    if unwritten:  # what robots did is told all the same
+    if unwritten:  # after the outcome is printed
         raise unwritten
     return 0 if told["completed"] == told["robots"] else 1
 
 
 def _warn_of_few(setting: MissionRun) -> None:
-    """Warn of a team in which P2 does not hold once f_max robots are compromised."""
+    """Warn if promise P2 does not hold for this team once f_max robots are compromised."""
     least = BtiConfig(f_max=setting.f_max).least_robots
     if setting.audited and setting.robots < least:
         talk(
-            f"if {setting.f_max} of {setting.robots} robots lie, they may have others stopped: P2 takes {least} robots"
-            f" with f_max {setting.f_max}"
+            f"{setting.f_max} compromised of {setting.robots} robots can cause others to be stopped: promise P2 needs"
+            f" {least} robots with f_max {setting.f_max}"
         )
 
 
 def _warn_of_wheels(setting: MissionRun) -> None:
-    """Says so where odometry may be worse than robots allow for."""
-    (way, turn), config = setting.noise.always, setting.config
-    if way > config.odometry_way or turn > config.odometry_turn:
+    """Warn if odometry errors can exceed the limits that robots assume."""
+    (distance, turn), config = setting.noise.always, setting.config
+    if distance > config.odometry_way or turn > config.odometry_turn:
         talk(
-            f"wheels may be wrong by {100 * way:g} % of the way and {100 * turn:g} % of turns; robots allow for"
-            f" {100 * config.odometry_way:g} and {100 * config.odometry_turn:g}: their fixes may be false"
+            f"odometry errors up to {100 * distance:g} % of the distance and {100 * turn:g} % of turns; robots assume"
+            f" at most {100 * config.odometry_way:g} and {100 * config.odometry_turn:g}: their fixes can be false"
         )
 
 
 def _unwritten(record: Path | None, plan: FloorPlan, reports: list[Report]) -> Unavailable | None:
-    """What keeps a recording that was asked for from being written."""
+    """Write the recording, if requested, and return the error if that failed."""
     if record is not None:
         try:
             write_recording(record, plan, reports)
@@ -128,21 +128,21 @@ def _unwritten(record: Path | None, plan: FloorPlan, reports: list[Report]) -> U
 
 
 def _fleet(named: str, robots: int | None, parts: int) -> tuple[tuple[int, ...], int]:
-    """(ids, if they are said; how many robots: one for each part, if nobody says otherwise)."""
+    """Return the ids, if given, and the number of robots: by default one for each part."""
     ids = parse_robots(named) if named else ()
     count = robots if robots is not None else len(ids) or parts
     if ids and len(ids) != count:
-        raise UsageError(f"--as names {counted(len(ids), 'robot')} of {count}", "an id for each, in their order")
+        raise UsageError(f"--as names {counted(len(ids), 'robot')} of {count}", "give an id for each robot, in order")
     return ids, count
 
 
-def _begun(plan: FloorPlan, *, told: bool) -> FloorPlan:
-    """The floor plan; with a place where robots begin, if nobody has told it."""
-    if told or plan.start is not None:
+def _with_start(plan: FloorPlan, *, is_given: bool) -> FloorPlan:
+    """Return the floor plan, with a start if neither the plan nor an option has one."""
+    if is_given or plan.start is not None:
         return plan
     start = x_m, y_m, yaw_rad = most_spacious_start(plan)
     degrees = math.degrees(yaw_rad)
-    talk(f"{plan.name} does not say where robots begin: where there is most room, --start {x_m:g},{y_m:g},{degrees:g}")
+    talk(f"{plan.name} has no start: using its most open space, --start {x_m:g},{y_m:g},{degrees:g}")
     return replace(plan, start=start)
 
 
@@ -151,42 +151,42 @@ def _so_far(share: float, duration_s: float) -> str:
 
 
 def _admit(encoded: EncodedMission, ids: tuple[int, ...], robots: int, now_s: float) -> None:
-    """Refuse what a robot would: a mission for others than `ids` (without, than it names), or for another time."""
-    meant = encoded.header.robots
-    if not ids and meant and robots > len(meant):
-        raise UsageError(f"{robots} robots", f"the mission is for {len(meant)}")
-    for robot in ids or meant[:1] or (1,):
+    """Refuse a mission as its robots would: if it is for others than `ids`, for fewer robots, or for another time."""
+    permitted = encoded.header.robots
+    if not ids and permitted and robots > len(permitted):
+        raise UsageError(f"{robots} robots for a mission of {len(permitted)}", f"use --robots {len(permitted)}")
+    for robot in ids or permitted[:1] or (1,):
         admit(encoded, robot, now_s, ())
 
 
 def _encoded(plain: Mission, profile: str, seed: int) -> list[File]:
-    # From the seed: a simulation's secrets keep nobody out, and the same seed shall give the same digest.
+    # From the seed: the secrets of a simulation protect nothing, and the same seed must give the same digest.
     draws = random.Random(seed).randbytes  # noqa: S311
     options = BuildOptions(profile=Profile[profile.upper()])
     return [(each.mission, each.key) for each in build(plain, options, draws)]
 
 
-def parse_start(said: str) -> Pose:
-    """X,Y[,DEGREES] as a pose. Raises: UsageError: it is not written so."""
+def parse_start(text: str) -> Pose:
+    """Return the pose in X,Y[,DEGREES]. Raises: UsageError."""
     try:
-        x, y, degrees = (float(word) for word in (*said.split(","), "90")[:3])
+        x, y, degrees = (float(word) for word in (*text.split(","), "90")[:3])
     except ValueError as error:
-        raise UsageError(f"{said!r} is no start", "X,Y in metres, or X,Y,DEGREES") from error
-    if said.count(",") > 2 or not all(abs(value) < 1e5 for value in (x, y, degrees)):
-        raise UsageError(f"{said!r} is no start", "X,Y in metres, or X,Y,DEGREES")
+        raise UsageError(f"invalid start {text!r}", "use X,Y in metres, or X,Y,DEGREES") from error
+    if text.count(",") > 2 or not all(abs(value) < 1e5 for value in (x, y, degrees)):
+        raise UsageError(f"invalid start {text!r}", "use X,Y in metres, or X,Y,DEGREES")
     return x, y, math.radians(degrees)
 
 
-def _lacking(reports: list[Report]) -> list[str]:
-    """What a mission's author would have told the world, as far as robots can tell by what stopped them."""
+def _missing_in_world(reports: list[Report]) -> list[str]:
+    """Return hints on what the building lacks, as far as the robots' failures show it."""
     lines = [
-        f"robot {report.robot + 1} does not stand where its mission begins: --world NAME for another building, --start"
+        f"robot {report.robot + 1} is not at the start of its mission: use --world NAME for another building, --start"
         " X,Y, or --furnish MISSION.yaml and files in the order of its parts"
         for report in reports
         if not report.decoded
     ]
     if lacks := sorted({what for report in reports for what in report.lacks}):
-        lines.append(f"not in this world: {', '.join(lacks)}; --furnish MISSION.yaml brings codes, beacons and actions")
+        lines.append(f"not in this world: {', '.join(lacks)}; --furnish MISSION.yaml adds codes, beacons and actions")
     return lines
 
 
@@ -212,12 +212,12 @@ def _show(told: dict[str, Any]) -> None:
         cells = [
             f"{which} {value:.3f} {unit}"
             for which in ("p50", "max")
-            if (value := told.get(f"{name}_{which}")) is not None  # nothing was searched, or seen
+            if (value := told.get(f"{name}_{which}")) is not None  # no search, or no landmark
         ]
         click.echo(f"{words:22}{'   '.join(cells) or '-'}")
     for row in told["drift"]:
-        learnt = format_drift((row["way"], row["turn"], row["curve_radpm"]))
-        click.echo(f"robot {row['robot']:<4} its wheels err by   {learnt}")
+        drift = format_drift((row["way"], row["turn"], row["curve_radpm"]))
+        click.echo(f"robot {row['robot']:<4} odometry error    {drift}")
     for row in told["actions"]:
         click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")
     for row in told["not_validated"]:

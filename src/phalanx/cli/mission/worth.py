@@ -1,4 +1,4 @@
-"""`phalanx mission audit`: what a mission is worth to who captures it, and whether robots can live it."""
+"""`phalanx mission audit`: report how hard a captured mission is to read, and whether robots can follow it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .crack import span
 from .draw import NOISE
 from .files import building
 
-# Of a run, as `phalanx mission run --json` names it.
+# Fields of a run's summary, named as in `phalanx mission run --json`.
 LIVED = ("decoded", "nodes", "false_fixes", "false_decodes", "pose_error_m_max", "t_s")
 
 
@@ -42,33 +42,33 @@ def tell_worth(
     trial: int | None,
     as_json: bool,
 ) -> None:
-    """Prints what an attacker must try at most, what the robot must, what looks wrong, and what no robot can live."""
-    rates, form, eye = Rates(), Profile[profile.upper()], LidarConfig.parse(lidar)
+    """Print the attacker's and the robot's work at most, warnings, and nodes that no robot can reach."""
+    rates, form, scanner = Rates(), Profile[profile.upper()], LidarConfig.parse(lidar)
     if source is None:
-        told, floor = explored(plan, start, "audit", doors, eye)
+        mission, floor = explored(plan, start, "audit", doors, scanner)
     else:
-        told, floor = checked(source, plan, start, doors), None
-    name = plan or told.floor_plan
+        mission, floor = checked(source, plan, start, doors), None
+    name = plan or mission.floor_plan
     if floor is None and name:
         floor = building(name, doors, swept=True)
     if trial and floor is None:
-        raise UsageError("no map to run the mission in", "--map MAP, or map: NAME in the mission")
-    report = audit_in(floor, told, form, open_start=open_start, rates=rates, offset_mm=offset_mm, lidar=eye)
+        raise UsageError("no map to run the mission in", "use --map MAP, or map: NAME in the mission")
+    report = audit_in(floor, mission, form, open_start=open_start, rates=rates, offset_mm=offset_mm, lidar=scanner)
     options = BuildOptions(profile=form, offset_mm=offset_mm)
-    lived = None
+    trials = None
     if trial and floor:
-        # Where the map has dust, something may stand.
-        lived = _lived(told, options, replace(building(name, doors), start=floor.start), eye, trial)
+        # With dust: it may be an obstacle.
+        trials = _run_trials(mission, options, replace(building(name, doors), start=floor.start), scanner, trial)
     if as_json:
-        print_json({**report.told(), "rates": asdict(rates), "trial": lived})
+        print_json({**report.told(), "rates": asdict(rates), "trial": trials})
         return
     _show(report, rates)
-    if lived is not None:
+    if trials is not None:
         click.echo(
-            f"ran {lived['times']} times: {lived['completed']} completed   {lived['false_fixes']} false fixes   "
-            f"{lived['false_decodes']} false decodes   worst pose error {lived['pose_error_m_max']:.2f} m"
+            f"ran {trials['times']} times: {trials['completed']} completed   {trials['false_fixes']} false fixes   "
+            f"{trials['false_decodes']} false decodes   worst pose error {trials['pose_error_m_max']:.2f} m"
         )
-        for row in lived["runs"]:
+        for row in trials["runs"]:
             if row["end"]:
                 click.echo(f"seed {row['seed']:<4} {row['decoded']} of {row['nodes']} nodes   {row['end']}")
 
@@ -79,16 +79,16 @@ def _show(report: Audit, rates: Rates) -> None:
         far = row.candidates >= OUT_OF_REACH
         cells = ["> 2^128", "-", "-"] if far else [f"{row.candidates:.3g}", span(row.core_s), span(row.gpu_s)]
         cells.append("-" if far or row.by_plan is None else f"{row.by_plan:.3g}")
-        looks = [*(f"infeasible {reason}" for reason in row.infeasible), *row.problems]
-        problems = f"   {'; '.join(looks)}" if looks else ""
+        findings = [*(f"infeasible {reason}" for reason in row.infeasible), *row.problems]
+        problems = f"   {'; '.join(findings)}" if findings else ""
         click.echo(f"{row.name:16}{''.join(f'{cell:>12}' for cell in cells)}{row.robot_ms:>7.1f} ms{problems}")
-    for who, costs_s in (
-        ("all that can be opened, at most", (report.core_s, report.gpu_s)),
-        ("likewise, nearest first", (report.nearest_core_s, report.nearest_gpu_s)),
-        ("likewise with the map", (report.plan_core_s, report.plan_gpu_s)),
+    for label, costs_s in (
+        ("all readable nodes, at most", (report.core_s, report.gpu_s)),
+        ("same, nearest places first", (report.nearest_core_s, report.nearest_gpu_s)),
+        ("same, with the map", (report.plan_core_s, report.plan_gpu_s)),
     ):
         cells = ["-" if cost_s is None else span(cost_s) if math.isfinite(cost_s) else "-" for cost_s in costs_s]
-        click.echo(f"{who:32}{cells[0]:>12}{cells[1]:>12}")
+        click.echo(f"{label:32}{cells[0]:>12}{cells[1]:>12}")
     for problem in report.problems:
         click.echo(f"note: {problem}")
     click.echo(
@@ -97,11 +97,13 @@ def _show(report: Audit, rates: Rates) -> None:
     )
 
 
-def _lived(told: Mission, options: BuildOptions, plan: FloorPlan, lidar: LidarConfig, times: int) -> dict[str, Any]:
-    """What became of a mission that was lived so often, by a robot for each of its parts."""
-    draws = random.Random(0).randbytes  # noqa: S311  # a simulation's secrets keep nobody out
-    orders = orders_of(told, build(told, options, draws), plan)
-    limit_s = time_for_s(told, options.profile)
+def _run_trials(
+    mission: Mission, options: BuildOptions, plan: FloorPlan, lidar: LidarConfig, times: int
+) -> dict[str, Any]:
+    """Return the outcomes of `times` runs of a mission, with a robot for each of its parts."""
+    draws = random.Random(0).randbytes  # noqa: S311  # the secrets of a simulation protect nothing
+    orders = orders_of(mission, build(mission, options, draws), plan)
+    limit_s = time_for_s(mission, options.profile)
     rows: list[dict[str, Any]] = []
     progress = Progress()
     for seed in range(times):

@@ -1,1 +1,1 @@
-"""Files that `phalanx new` writes, with the user's names in the place of `template` and `Template`."""
+"""Files that `phalanx new` writes, with the user's names in place of `template` and `Template`."""

@@ -1,6 +1,6 @@
 """Template, an attack: phalanx attack run template.py
 
-The same with no defence, and a robot and a time of your choice:
+The same without a defence, with a robot and a time of your choice:
 phalanx attack run template.py:robot=3,at=10 --defence none
 """
 
@@ -13,9 +13,9 @@ class Template(Liar):
     """broadcasts that it is 10 m further north than it is"""
 
     def send_output(self, now_ms: int, output: Act | Send) -> list[Action]:
-        """Alter what the robot's controller puts out: `Act` for the motors, `Send` for the radio.
+        """Alter an output of the robot's controller: `Act` for the motors, `Send` for the radio.
 
-        Return [] to suppress it. `self.plan` and `self.seen` have what the adversary knows.
+        Return [] to suppress the output. `self.plan` and `self.seen` contain what the adversary knows.
         """
         state = State.find(output.payload) if isinstance(output, Send) else None
         if state and self.lies(now_ms):

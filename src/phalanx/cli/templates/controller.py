@@ -14,7 +14,7 @@ FORGET_MS = 5_000
 
 @dataclass(frozen=True)
 class Memory:
-    """The robot that was heard last: id, 0 for none; when; where it was."""
+    """The last state received: sender, 0 for none; time of reception; position."""
 
     id: U16 = 0
     heard_ms: U64 = 0
@@ -23,18 +23,18 @@ class Memory:
 
 
 class Template(Controller):
-    """Fly in formation: each robot has a place of its own near the goal, and keeps clear of the robot heard last."""
+    """Fly in formation: each robot has its own place near the goal, and avoids the robot received last."""
 
     memory = Memory()
 
     def on_state(self, t_ms: int, state: State) -> None:
-        """Hear another robot. It may lie."""
+        """Handle the state of another robot. It may be false."""
         self.memory = Memory(state.id, t_ms, state.x_m, state.y_m)
 
     def on_reading(self, step: int, t_ms: int, reading: Reading) -> list[Command | State]:
         """Return a command, and in every sixth step a state for all robots in range.
 
-        Auditors compare each byte: no clock but `t_ms`, no random numbers, no mathematics but + - * / and math.sqrt.
+        Auditors compare each byte. Use no clock but `t_ms`, no random numbers, no operations but + - * / and math.sqrt.
         """
         row, column = divmod(self.rob_id - 1, COLUMNS)
         ax = 0.02 * (GOAL_M[0] + SPACING_M * column - reading.x_m) - 0.3 * reading.vx_mps
