@@ -210,7 +210,7 @@ def test_a_reading_that_nothing_here_gives_is_refused(reading: str, more: dict, 
     plain = plain_mission(node_that_sees(reading, **more))
     built = build(plain, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)
     with pytest.raises(
-        UsageError, match=f"'end' wants the reading '{reading}', and nothing in map gives it"
+        UsageError, match=f"'end' requires the reading '{reading}', which has no source in map"
     ) as refused:
         orders_of(plain, built, HALL)
     assert said in refused.value.hint

@@ -110,8 +110,8 @@ def test_a_robot_that_listens_or_whose_radio_is_busy_is_traced_the_same():
     traced, lines = lived(lossy, None, is_traced=True)
     assert traced == untraced
     assert any(re.search(r"-> round at +\d+ ms of its clock, silent until then$", line) for line in lines)
-    assert any(line.endswith("on_round    after it has listened") for line in lines)
-    assert any(line.endswith("on_sent     it did not arrive") for line in lines)
+    assert any(line.endswith("on_round    after listening") for line in lines)
+    assert any(line.endswith("on_sent     not delivered") for line in lines)
 
 
 @pytest.mark.parametrize("rob_id", [0, 10, -1])
