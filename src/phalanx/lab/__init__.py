@@ -1,1 +1,1 @@
-"""Researchers' tools around robots: sweeps, scorecards, arenas, random buildings, attacks on captured missions."""
+"""Tools for researchers: sweeps, scorecards, arenas, random buildings, attacks on captured missions."""

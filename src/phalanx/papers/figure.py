@@ -112,28 +112,26 @@ _FIGURES = (
         "Ten of 125 robots lie among obstacles, and the flock stays away (RoboRebound Fig. 2)",
     ),
     Figure(
-        "bti-fig5", "bti.loads:FIG5", "What a MAC and a hash cost on microcontrollers (RoboRebound Fig. 5a)", alone=True
+        "bti-fig5", "bti.loads:FIG5", "Cost of a MAC and a hash on microcontrollers (RoboRebound Fig. 5a)", alone=True
     ),
     Figure("bti-table1", "bti.loads:TABLE1", "Worst load of the a-node, call by call (RoboRebound Table 1)"),
     Figure("bti-table2", "bti.loads:TABLE2", "Worst load of the s-node, call by call (RoboRebound Table 2)"),
     _flock(
         "bti-fig6",
         "bti.fig6",
-        "What audits send and keep, by f_max and T_audit (RoboRebound Fig. 6)",
+        "Bandwidth and storage of audits, by f_max and T_audit (RoboRebound Fig. 6)",
         size_in=(12.0, 5.8),
     ),
     _flock(
         "bti-fig7",
         "bti.fig7",
-        "What audits send and keep in denser flocks and in larger ones (RoboRebound Fig. 7)",
+        "Bandwidth and storage of audits, by density and size of the flock (RoboRebound Fig. 7)",
         size_in=(12.0, 8.6),
     ),
     _flock(
-        "bti-fig8", "bti.liars:FIG8", "One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)"
+        "bti-fig8", "bti.liars:FIG8", "One robot lies and is not stopped: the flock stays away (RoboRebound Fig. 8)"
     ),
-    _flock(
-        "bti-fig9", "bti.liars:FIG9", "One robot lies and the others stop it: the flock arrives (RoboRebound Fig. 9)"
-    ),
+    _flock("bti-fig9", "bti.liars:FIG9", "One robot lies and is stopped: the flock arrives (RoboRebound Fig. 9)"),
     Figure(
         "mission-fig8a",
         "missions.fig8a",

@@ -209,10 +209,10 @@ def seed_of(case: str) -> int:
 EachCase = Callable[[Figure, Sequence[str], Callable[[float], None]], Iterable[tuple[str, Any]]]
 
 
-def one_by_one(figure: Figure, todo: Sequence[str], tell: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
+def one_by_one(figure: Figure, todo: Sequence[str], on_share: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
     """Measure the cases in this process; an `EachCase`."""
     for case in todo:
-        yield case, figure.body.measure_case(case, tell)
+        yield case, figure.body.measure_case(case, on_share)
 
 
 def measure(
@@ -234,18 +234,18 @@ def measure(
     origin = body.origin() if hasattr(body, "origin") else {}
     done = 0
 
-    def tell(share: float) -> None:
+    def report(share: float) -> None:
         on_progress(done + share, len(cases))
 
     begin = Table(figure.name, {**origin, "version": version()}, body.COLUMNS)
     with TableFile(path, begin, getattr(body, "check", lambda _table: None)) as file:
         todo = [case for case in cases if case not in file.done]
         done = len(cases) - len(todo)
-        tell(0.0)
-        for case, measured in each(figure, todo, tell):
+        report(0.0)
+        for case, measured in each(figure, todo, report):
             file.append(case, *(measured if isinstance(measured, tuple) else (measured,)))
             done += 1
-            tell(0.0)
+            report(0.0)
     return path
 
 

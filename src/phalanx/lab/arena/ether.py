@@ -46,7 +46,7 @@ class RadioConditions:
 
     repeats: float = within(0.0, 0.0, 0.9, "share of packets that arrive twice")
     delay_ms: float = within(5.0, 0.0, 10_000.0, "largest delay of a packet; packets may overtake each other")
-    cut: int = within(0, 0, 65_535, "no packets pass between the first so many robots and the others; 0: no cut")
+    cut: int = within(0, 0, 65_535, "number of robots, the first ones, that are cut off from the others; 0: no cut")
     cut_at_s: float = within(10.0, 0.0, 1e9, "time from which the cut holds")
     clock_ppm: int = within(0, 0, 1000, "largest drift of the trusted processes' clocks")
     speed: float = within(1.0, 0.05, 1.0, "speed of all clocks and bodies, relative to real time")
@@ -58,7 +58,7 @@ class RadioConditions:
 class SimulatedAir:
     """Simulated radio at a UDP `port` of this machine, which counts packets in the world's statistics.
 
-    The last of `ports` may belong to a gateway, in range of all. `is_silent(index)` tells if a radio is off.
+    The last of `ports` may belong to a gateway, in range of all. `is_silent(index)` returns True if a radio is off.
     """
 
     def __init__(

@@ -116,22 +116,22 @@ def write_arena_files(
 
 
 def _listen(path: Path) -> socket.socket:
-    made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     try:
-        made.bind(str(path))
+        listener.bind(str(path))
     except OSError as error:
-        made.close()
+        listener.close()
         why = error.strerror or error
         raise Unavailable(f"cannot listen at {path}: {why}", "use a folder with a shorter path") from error
-    made.listen(4)
-    made.setblocking(False)
-    return made
+    listener.listen(4)
+    listener.setblocking(False)
+    return listener
 
 
 def free_ports(n: int) -> list[int]:
     """Return that many UDP ports that are free on this machine at present."""
     with contextlib.ExitStack() as stack:
-        made = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(n)]
-        for each in made:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(n)]
+        for each in sockets:
             each.bind((LOOPBACK, 0))
-        return [int(each.getsockname()[1]) for each in made]
+        return [int(each.getsockname()[1]) for each in sockets]

@@ -96,7 +96,7 @@ class Site:
         reach = max(0.0, (room - width) / 2)
         return Door(self.between((first_m + last_m) / 2 - reach, (first_m + last_m) / 2 + reach), width)
 
-    # --- things -------------------------------------------------------------------------------------------------------
+    # --- objects ------------------------------------------------------------------------------------------------------
 
     def put(self, thing: Box, room: Box) -> bool:
         """Place a box in a room if robots can pass on all sides; it may touch at most one wall per axis."""

@@ -29,7 +29,7 @@ TOKEN_BATCH = 16
 
 
 class Guess(Between, ABC):
-    """Attack by an adversary who has the mission file and guesses its content, away from any robot.
+    """Offline attack that guesses the content of a captured mission file.
 
     Class attributes:
         tries_max: number of tries after which the attack ends, by profile: fast hashes, or slow ones.

@@ -22,7 +22,7 @@ from phalanx.wire.record import Record
 from .calls import ROBOT, Call, calls_of, maker
 from .trace import LATER_S, LIVES, Step
 
-# Further processes beside the first. With four, two strings in a set have the same order in all in 1 of 8 cases.
+# Processes in addition to the first. With four, two strings in a set have the same order in all in 1 of 8 cases.
 OTHERS = 3
 KNOWN = [record for each in BUNDLED.values() for record in (each.commands, each.says)]
 ZONES = ("UTC", "UTC-9", "UTC+7", "UTC-5")
@@ -116,8 +116,8 @@ def _process(folder: Path, k: int, name: str, calls: list[Call]) -> Iterator[Cal
     """Start process `k`, of which the last runs kernels uncompiled; yield a function that waits for its results."""
     job, out, log = (folder / f"{k}.{kind}" for kind in ("job", "out", "log"))
     turn, pure = (k, {}) if k <= OTHERS else (0, {"PHALANX_PURE": "1"})
-    asked = {"controller": name, "robot": ROBOT, "turn": turn, "lives": ("live",) if k else tuple(LIVES)}
-    job.write_text(json.dumps(asked | {"calls": [(call.step, call.t_ms, call.payload.hex()) for call in calls]}))
+    settings = {"controller": name, "robot": ROBOT, "turn": turn, "lives": ("live",) if k else tuple(LIVES)}
+    job.write_text(json.dumps(settings | {"calls": [(call.step, call.t_ms, call.payload.hex()) for call in calls]}))
     with log.open("wb") as output:
         child = subprocess.Popen(
             [sys.executable, "-m", "phalanx.lab.determinism.trace", str(job), str(out)],

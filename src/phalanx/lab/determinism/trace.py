@@ -189,11 +189,11 @@ def _set_clocks(ahead_s: float) -> None:
 
 def main(job: Path, out: Path) -> None:
     """Run the job's sequences, and write their results to `out`."""
-    asked: dict[str, Any] = json.loads(job.read_text())
-    kept = _shake(asked["turn"]) if asked["turn"] else []
-    make = maker(asked["controller"])
-    calls = [Call(step, t_ms, bytes.fromhex(payload)) for step, t_ms, payload in asked["calls"]]
-    results = {name: LIVES[name](make, asked["robot"], calls) for name in asked["lives"]}
+    settings: dict[str, Any] = json.loads(job.read_text())
+    kept = _shake(settings["turn"]) if settings["turn"] else []
+    make = maker(settings["controller"])
+    calls = [Call(step, t_ms, bytes.fromhex(payload)) for step, t_ms, payload in settings["calls"]]
+    results = {name: LIVES[name](make, settings["robot"], calls) for name in settings["lives"]}
     del kept
     out.write_text(json.dumps(results))
 

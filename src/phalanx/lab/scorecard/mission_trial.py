@@ -81,14 +81,14 @@ class Operator:
         random = np.random.default_rng([self.seed, robot, day]).bytes
         if self.defence == "hardened":
             options = BuildOptions(robots=(robot,), valid_from_s=day * DAY_S, valid_to_s=(day + 1) * DAY_S)
-            (made,) = build(replace(mission, coding=mission.coding or CHEAP), options, random)
-            encoded = sign(made.mission, OPERATOR)
+            (built,) = build(replace(mission, coding=mission.coding or CHEAP), options, random)
+            encoded = sign(built.mission, OPERATOR)
         else:
-            (made,) = build(mission, BuildOptions(profile=Profile.PAPER), random)
-            encoded = made.mission
-        messages = made.key.messages
+            (built,) = build(mission, BuildOptions(profile=Profile.PAPER), random)
+            encoded = built.mission
+        messages = built.key.messages
         messages_sent = (name.encode() for name in messages) if self.defence == "none" else messages.values()
-        return Sent(mission, encoded.encode(), made.key.encode(), tuple(messages_sent))
+        return Sent(mission, encoded.encode(), built.key.encode(), tuple(messages_sent))
 
 
 def admitted(
@@ -258,14 +258,14 @@ def try_mission_attack(
         raise UsageError(
             f"{attack.name} at {start_s:g} s, seed {seed}", f"use 0 to {LATEST_S:g} s, and a seed of 0 or more"
         )
-    made = kind(plan_of(defence, seed, start_s, given))
+    instance = kind(plan_of(defence, seed, start_s, given))
     honest: ErrandOutcome | None = None
     attacked: ErrandOutcome | GuessOutcome
-    if isinstance(made, Guess):
-        attacked = try_guess(made, defence, seed)
+    if isinstance(instance, Guess):
+        attacked = try_guess(instance, defence, seed)
     else:
         today = Operator(defence, seed).send(errand(), ROBOT, 1)
-        attacked = walk(made, today, defence, seed, checked=not given.get("unchecked"))
+        attacked = walk(instance, today, defence, seed, checked=not given.get("unchecked"))
         if kind.ordered:
             honest = honest_errand(defence, seed, released=kind.released)
     harm = attack.harm.of(attacked)
@@ -295,17 +295,17 @@ def try_guess(
     profile = parse_mission(sent.file).header.profile
     most = attack.tries_max[profile] if tries is None else tries
     read: set[int] = set()
-    made, of = 0, 0
+    tries_made, of = 0, 0
     began = time.perf_counter()
     for batch in attack.guess(sent, AREA_M, building()):
-        made, of = made + batch.tries, batch.of
+        tries_made, of = tries_made + batch.tries, batch.of
         read |= {found.node for found in batch.found}
-        if made >= most:
+        if tries_made >= most:
             break
     seconds = time.perf_counter() - began
-    rate = made / seconds
+    rate = tries_made / seconds
     whole = attack.in_all(plain, of)
-    return GuessOutcome(nodes, len(read), made, seconds, rate, whole, whole / rate)
+    return GuessOutcome(nodes, len(read), tries_made, seconds, rate, whole, whole / rate)
 
 
 def is_kept(declared: Verdict, attack: Attack, attacked: ErrandOutcome | GuessOutcome, harm: float) -> bool:

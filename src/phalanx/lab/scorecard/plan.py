@@ -117,9 +117,9 @@ def _ground(name: str) -> tuple[Scenario | None, str | None]:
     if is_file(name):
         return SMALL, name
     own = () if name in COMMON else map(find_scenario, built_in("scenarios"))
-    made = next((each for each in own if each.controller == name), replace(SMALL, controller=name))
+    chosen = next((each for each in own if each.controller == name), replace(SMALL, controller=name))
     watched_s = WATCHED_IN_PROTOCOLS_S if name in PROTOCOLS else WATCHED_S
-    return replace(made, attacks=(), duration_s=AT_S + watched_s), None
+    return replace(chosen, attacks=(), duration_s=AT_S + watched_s), None
 
 
 def absolute(words: str) -> str:

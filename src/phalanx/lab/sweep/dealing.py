@@ -28,7 +28,7 @@ from .plan import SWEEP_HINT, Job, Plan, key_of
 from .store import Store, outcome
 
 CONNECT_S = 15.0
-# When a worker dies, dask gives its task to another one; so many deaths in a row are no coincidence.
+# When a worker dies, dask gives its task to another one; DEATHS in a row are no coincidence.
 DEATHS = 5
 # Dask needs some milliseconds per task, which may be longer than a run. So a task has several runs, for about this time
 # and at most this many. Some more tasks wait for each process, so that it never idles.
@@ -242,7 +242,7 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, A
         stack.enter_context(warnings.catch_warnings())
         warnings.filterwarnings(
             "ignore", "(?s)(Creating scratch|Port [0-9]+ is already)"
-        )  # on a slow disk, or beside a second sweep
+        )  # on a slow disk, or while a second sweep runs
         stack.enter_context(import_module("dask").config.set(SETTINGS))
         address: Any = scheduler
         if scheduler is None:

@@ -207,11 +207,11 @@ class Store:
             write_whole(path, ours.encode(), ELSEWHERE)
             return
         try:
-            theirs = json.loads(path.read_text())
+            stored = json.loads(path.read_text())
         except ValueError:
-            theirs = None
+            stored = None
         for name, what in (("axes", "axes"), ("version", "version of phalanx")):
-            if not isinstance(theirs, dict) or theirs.get(name) != self._head[name]:
+            if not isinstance(stored, dict) or stored.get(name) != self._head[name]:
                 raise UsageError(f"{self.folder} has a sweep with other {what}", ELSEWHERE)
 
     def _unwritable(self, error: OSError) -> Unavailable:

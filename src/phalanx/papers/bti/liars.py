@@ -69,7 +69,7 @@ def compare_many(table: FlockRuns) -> list[Statement]:
         ),
         Statement(
             what=f"correct robots farther than {ARRIVED_M:g} m from {LATE_FROM_S:g} s on, %, ten liars",
-            paper="even those that hear no liar are affected",
+            paper="even those out of range of all liars are affected",
             ours=f"{quantiles(away)}; the nearest at {quantiles(nearest)} m",
             agrees=bool((away > MOST_PCT).all()),
             why="most of them, every seed; false positions are 150 m from the goal; the liars themselves go on to it",
@@ -134,7 +134,7 @@ def compare_unstopped(table: FlockRuns) -> list[Statement]:
         ),
         Statement(
             what="seeds in which the liar was stopped",
-            paper="none: nobody stops it",
+            paper="none: there is no defence",
             ours=f"{len(stopped)} of {len(attacked)}",
             agrees=not stopped,
             why="the run has no defence",
@@ -167,7 +167,7 @@ def compare_stopped(table: FlockRuns) -> list[Statement]:
     apart_m = np.abs(attacked_m - honest_m).max(axis=1)
     return [
         Statement(
-            what="from its first lie to Safe Mode, s",
+            what="from the first false state to Safe Mode, s",
             paper="disabled quickly; at most T_val (§4)",
             ours=quantiles(delay_s, ".2f"),
             agrees=bool(delay_s.max() <= bound_s),

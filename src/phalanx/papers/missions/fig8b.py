@@ -70,13 +70,13 @@ def compare(table: Table) -> list[Statement]:
     lost = f"{LOST_M:g} m, twice the paper's search of ±{TOLERANCE_M} m"
     found = f"found again in every seed: at most {lost}"
     near = "no limit found: landmarks seen from 10 m are too close to each other to drift 0.5 m between them"
-    asked = [
+    criteria = [
         *((setting, level, "median", robust, zero) for setting in SETTINGS for level in LEVELS[:3]),
         *((setting, level, "largest", robust, found) for setting in SHORT for level in LEVELS[:3]),
         *((first, level, "lost", limit, f"lost in every seed: more than {lost}") for level in LEVELS[3:]),
         *((setting, LEVELS[4], "median", "", near) for setting in SETTINGS[2:]),
     ]
-    return [_statement(table, *each) for each in asked]
+    return [_statement(table, *each) for each in criteria]
 
 
 def _statement(

@@ -33,7 +33,7 @@ MARK_M, MARK_HEIGHT_M = 0.5, 0.3
 DRIFT = {
     "type": "object",
     "title": "phalanx.Drift",
-    "description": "What its odometry leaves out, as a robot has learnt: of the way, of turns, and to the left",
+    "description": "A robot's estimate of its odometry error: relative for distance and turns, and curvature",
     "properties": {
         "robot": {"type": "integer"},
         **{key: {"type": "number"} for key in ("way", "turn", "curve_radpm")},
@@ -109,7 +109,7 @@ def _log(reports: list[Report]) -> Iterator[Entry]:
         lines = [(t_s, Log.INFO, f"decoded node {node}") for t_s, node in report.decoded]
         lines += [(t_s, Log.WARNING, f"not validated: {reason}") for t_s, reason in report.not_validated]
         lines += [(t_s, Log.INFO, f"did {action}") for t_s, action in report.actions]
-        lines.append((report.t_s, Log.INFO, f"its wheels err by   {format_drift(report.drift)}"))
+        lines.append((report.t_s, Log.INFO, f"odometry error   {format_drift(report.drift)}"))
         lines.append((report.t_s, Log.INFO if report.done else Log.ERROR, "done" if report.done else "not completed"))
         for t_s, level, message in lines:
             log = Log(timestamp=time_of(_ns(t_s)), level=level, name=f"robot-{report.robot + 1}", message=message)

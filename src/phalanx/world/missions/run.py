@@ -43,10 +43,10 @@ def run_mission(
     with ExitStack() as others:
         pipes = []
         for share in shares[1:]:
-            pipe, theirs = context.Pipe(duplex=False)
-            process = context.Process(target=_elsewhere, args=(theirs, run, share), daemon=True)
+            pipe, child_end = context.Pipe(duplex=False)
+            process = context.Process(target=_elsewhere, args=(child_end, run, share), daemon=True)
             process.start()
-            theirs.close()  # only the child holds it now, so that EOF shows its end
+            child_end.close()  # only the child holds it now, so that EOF shows its end
             others.callback(process.join)
             others.callback(process.terminate)
             pipes.append(pipe)

@@ -87,8 +87,8 @@ def _crowded(scenario: Scenario) -> list[str]:
 def _lonely(scenario: Scenario, near: Sequence[NDArray[np.int32]]) -> list[str]:
     bti, is_correct = scenario.bti, np.ones(scenario.robots, bool)
     is_correct[[int(attack.robot or 0) - 1 for attack in scenario.drawn_attacks()]] = False
-    others, hears = np.array([len(each) for each in near]), np.array([is_correct[each].sum() for each in near])
-    correct, lonely = int(is_correct.sum()), int((is_correct & (hears < bti.quorum)).sum())
+    others, correct_others = np.array([len(each) for each in near]), np.array([is_correct[each].sum() for each in near])
+    correct, lonely = int(is_correct.sum()), int((is_correct & (correct_others < bti.quorum)).sum())
     if lonely == 0:
         return []
     of = "robots" if correct == scenario.robots else "correct robots"

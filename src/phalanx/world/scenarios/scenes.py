@@ -46,10 +46,10 @@ def lines_of(path: Path) -> list[Line]:
     lines: list[Line] = []
     scenes = Scenes(lines.append)
     try:
-        for said in read_recording(path, HINT):
-            if said.topic == CUT_SHORT:
+        for entry in read_recording(path, HINT):
+            if entry.topic == CUT_SHORT:
                 log.warning("%s is truncated: only the first part is shown", path)
-            scenes.take(said)
+            scenes.take(entry)
             if scenes.told > MOST_TOLD:
                 log.warning("%s exceeds a page's limit: the end is not shown", path)
                 break

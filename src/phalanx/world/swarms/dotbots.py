@@ -53,7 +53,7 @@ class Dotbots(Roster):
         self._goals: list[int] = []
         self._charging: list[tuple[float, Member]] = []
         self._elapsed_s = 0.0
-        self._made = 0
+        self._created = 0
         # Set by another thread, applied in the next step before any movement.
         self._held, self._to_stop = False, set[str]()
         self._now = np.zeros((ROWS, 0))
@@ -121,8 +121,8 @@ class Dotbots(Roster):
 
     def join(self) -> str:
         """Add a robot at a random position, and return its address."""
-        added = member(self._made)
-        self._made += 1
+        added = member(self._created)
+        self._created += 1
         charge = self._random.uniform(0.5, 1.0)
         self._enter(added, BATTERY_EMPTY_MV + charge * (BATTERY_FULL_MV - BATTERY_EMPTY_MV))
         return added.address
