@@ -201,7 +201,7 @@ def test_a_beacon_stands_where_a_mission_wants_its_reading_and_the_map_shows_non
 @pytest.mark.parametrize(
     ("reading", "more", "said"),
     [
-        ("gas", {}, "a place beside it in see"),
+        ("gas", {}, "add a position in see"),
         ("robot does lmap", {"position": [3, 3]}, "did you mean robot does lamp?"),
         ("robot does nothing", {"position": [3, 3]}, "robots do robot does lamp"),
     ],

@@ -33,7 +33,7 @@ MARK_M, MARK_HEIGHT_M = 0.5, 0.3
 DRIFT = {
     "type": "object",
     "title": "phalanx.Drift",
-    "description": "A robot's estimate of its odometry error: relative for distance and turns, and curvature",
+    "description": "A robot's estimate of what its odometry misses: shares of distances and turns, turn to the left",
     "properties": {
         "robot": {"type": "integer"},
         **{key: {"type": "number"} for key in ("way", "turn", "curve_radpm")},

@@ -53,7 +53,7 @@ class Report:
     digest: str = ""
     lacks: tuple[str, ...] = ()  # kinds of observations that undecoded nodes need and the building lacks
     safe_mode_s: float | None = None  # time at which its auditors stopped it, or None
-    # Its estimate of its odometry error: relative for distance and turns, and radians per metre
+    # Its estimate of what its odometry misses: share of distances and of turns, and radians per metre
     drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     audits_passed: int = 0  # audits of other robots by this one
     audits_refused: int = 0  # likewise
