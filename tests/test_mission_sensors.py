@@ -203,7 +203,7 @@ def test_a_beacon_stands_where_a_mission_wants_its_reading_and_the_map_shows_non
     [
         ("gas", {}, "add a position in see"),
         ("robot does lmap", {"position": [3, 3]}, "did you mean robot does lamp?"),
-        ("robot does nothing", {"position": [3, 3]}, "robots do robot does lamp"),
+        ("robot does nothing", {"position": [3, 3]}, "use robot does lamp"),
     ],
 )
 def test_a_reading_that_nothing_here_gives_is_refused(reading: str, more: dict, said: str) -> None:
