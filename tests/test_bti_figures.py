@@ -320,7 +320,7 @@ class TestMeasuring:
         assert not (table.runs["honest", 1].states == LIAR).any()
 
     def test_no_seeds(self, tmp_path):
-        with pytest.raises(UsageError, match="0 seeds"):
+        with pytest.raises(UsageError, match="seeds 0 is out of range"):
             measure(tmp_path, FIGURES["bti-fig8"], 0)
         assert not list(tmp_path.iterdir())
 

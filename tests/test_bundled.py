@@ -148,7 +148,7 @@ def test_each_bundled_controller_has_a_number_a_body_and_kernels():
 
 
 def test_a_body_that_there_is_not_is_refused():
-    with pytest.raises(UsageError, match="no body says sensor and obeys wheels_command"):
+    with pytest.raises(UsageError, match="no body has readings sensor and commands wheels_command"):
         driven_by(replace(dispatch.BUNDLED["flock"], commands=WHEELS_COMMAND))
 
 

@@ -150,7 +150,7 @@ class TestRun:
         crowd = ("sim", "run", "flock-12", "--robots", "144", "--spacing", "4", "--duration", "0.1")
         code, _, err = phalanx(*crowd)
         assert code == 0
-        assert err.startswith("phalanx: warning: 144 robots in one radio range: their audits want 82% of the channel")
+        assert err.startswith("phalanx: warning: 144 robots in one radio range: their audits need 82% of the channel")
         for few in ((*crowd, "--defence", "none"), (*crowd[:4], "49", *crowd[5:])):
             code, _, err = phalanx(*few)
             assert code == 0

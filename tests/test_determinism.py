@@ -223,7 +223,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
         pytest.param(
             {ACTED: "return self.act(t_ms, struct.unpack_from('<f', reading, 15)[0], 0.0)"},
             {REFUSED},
-            r"at byte 15\): refused: on_input put out Act of acceleration: ax_mps2 is nan",
+            r"at byte 15\): refused: on_input returned an invalid Act: acceleration: ax_mps2 is nan",
             id="NaN that goes on into a command",
         ),
         pytest.param(

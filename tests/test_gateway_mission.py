@@ -42,7 +42,7 @@ class TestSwarm:
         assert [swarm.to_area(*place).y_mm for place in ((0.0, 6.0), (0.0, 0.0))] == [0.0, 6000.0]
         assert min(swarm.walls_mm()) == [0, 0, 0, 6000]
         for heading in range(0, 360, 15):
-            swarm._standing[0] = RobotTruth(1.0, 1.0, math.radians(heading), "seeking", "")
+            swarm._truths[0] = RobotTruth(1.0, 1.0, math.radians(heading), "seeking", "")
             robot = swarm.robots()[0]
             nose = math.radians(robot.direction_deg)
             # (-sin, cos) with y down is where the robot looks, (cos, -sin) of its heading.
@@ -175,7 +175,7 @@ class TestSwarm:
             assert swarm.robots()[0].heard_at_s == NOW
             with pytest.raises(PhalanxError, match="process has ended"):
                 swarm.begin(orders())
-        assert "not heard any more" in caplog.text
+        assert "no longer updated" in caplog.text
 
 
 @pytest.mark.waits

@@ -347,7 +347,7 @@ class TestPages:
         options = UpOptions(qrkey=True, broker=where, broker_ws=websocket, port=0, wait_s=0.1, page_url=page)
         with pytest.raises(Unavailable):
             await up(options, lambda _: None, swarm=lambda: Dotbots(1, 1, time.time))
-        told = f"browsers do not let an https page such as {page} reach {websocket}; hint: a wss:// one"
+        told = f"browsers do not let an https page such as {page} reach {websocket}; hint: use a wss:// address"
         assert (told in caplog.text) == is_told
 
     async def test_who_asks_for_files_and_hangs_up_leaves_no_trace_in_the_log(self, caplog):

@@ -122,7 +122,7 @@ def test_rows_come_back_as_they_were_written_and_late_replaces_lost(tmp_path):
         (b"HEADCOLUMNS0,plain,1.0,lost,3\n", "line 3 .* not a packet"),
         (b"HEADCOLUMNS0,plain,1.0,back,nan\n", "line 3 .* not a packet"),
         (b"HEADCOLUMNS0,plain,1.0,back,1\n1,secret,1.0,back,1\n", "line 4 .* not a packet"),
-        (b"HEADCOLUMNS\n", "line 3 .* not one of ours"),
+        (b"HEADCOLUMNS\n", "line 3 .* is malformed"),
     ],
 )
 def test_a_foreign_file_is_refused_in_one_line_and_left_alone(tmp_path, found, why):

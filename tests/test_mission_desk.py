@@ -48,7 +48,7 @@ async def compiled(desk, text=THROUGH, profile="sealed"):
 class TestDesk:
     async def test_what_robots_cannot_sense_is_refused_before_it_is_compiled(self, desk):
         job = await compiled(desk, THROUGH.replace("{doorway: [5.0, 3.0], facing: 90}, width: 1.2", "{sensor: red}"))
-        assert (job["state"], "wants the reading 'red'" in job["error"]) == ("failed", True)
+        assert (job["state"], "requires the reading 'red'" in job["error"]) == ("failed", True)
         assert "--" not in job["hint"], "there is no command line in a browser"
         assert (await compiled(desk))["state"] == "compiled"
 

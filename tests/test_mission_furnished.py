@@ -65,8 +65,8 @@ def test_files_are_lived_where_their_author_furnished_the_world_and_elsewhere_it
 def test_each_file_belongs_to_a_part_and_one_key_to_one_file(tmp_path: Path) -> None:
     one, other = built(tmp_path, "inspection", "--profile", "paper")
     wrong = {
-        "encoded files: 2": ("run", one, other, "--furnish", "delivery"),
-        "encoded files: 1": ("run", one, "--furnish", "inspection"),
+        "2 encoded files": ("run", one, other, "--furnish", "delivery"),
+        "1 encoded files": ("run", one, "--furnish", "inspection"),
         "--key for 2 files": ("run", one, other, "--key", one),
         "several plain missions": ("run", "office", "delivery"),
         "are for encoded missions": ("run", "office", "--furnish", "office"),
@@ -97,7 +97,7 @@ def test_robots_before_visitors_get_the_files_of_both_parts_and_begin_where_thes
 
 def test_a_start_that_is_said_goes_before_those_of_the_parts() -> None:
     plain, plan = read_plain("inspection"), load_floorplan("office_40x40")
-    with pytest.raises(UsageError, match="encoded files: 0"):
+    with pytest.raises(UsageError, match="0 encoded files"):
         orders_of_files("none", (), plan, plain)
     here = (5.0, 1.5, 0.0)
     orders = orders_of_files("none", ((None, None), (None, None)), plan, plain, here)  # type: ignore[arg-type]
@@ -110,10 +110,10 @@ def test_a_mission_for_a_sensor_that_no_robot_here_has_is_refused_before_it_runs
     for words in ((tmp_path / "red.yaml",), (file, "--furnish", tmp_path / "red.yaml")):
         error = command("run", *words).exception
         assert isinstance(error, UsageError)
-        assert "'lamp' wants the reading 'red'" in str(error)
+        assert "'lamp' requires the reading 'red'" in str(error)
     unknown = command("run", file)
     assert unknown.return_value == 1
-    assert "beacons, or what else other sensors tell of" in unknown.stderr
+    assert "beacons or other sources of sensor readings" in unknown.stderr
 
 
 def test_a_node_that_is_known_by_a_landmark_too_needs_no_sensor(tmp_path: Path) -> None:

@@ -243,7 +243,7 @@ def test_too_few_robots_to_audit_each_other_are_refused_before_anything_is_encod
     for words, who in ((("--robots", "2"), "2 robots"), ((), "1 robot")):
         _, _, error = _command("office", *words, "--defence", "hardened")
         assert str(error) == f"{who} cannot audit each other with f_max 1"
-        assert error.hint == "at least 3; or --defence none"
+        assert error.hint == "use at least 3, or --defence none"
 
 
 def test_of_a_team_in_which_p2_does_not_hold_that_is_said(capsys) -> None:

@@ -201,16 +201,16 @@ def test_a_beacon_stands_where_a_mission_wants_its_reading_and_the_map_shows_non
 @pytest.mark.parametrize(
     ("reading", "more", "said"),
     [
-        ("gas", {}, "a place beside it in see"),
+        ("gas", {}, "add a position in see"),
         ("robot does lmap", {"position": [3, 3]}, "did you mean robot does lamp?"),
-        ("robot does nothing", {"position": [3, 3]}, "robots do robot does lamp"),
+        ("robot does nothing", {"position": [3, 3]}, "use robot does lamp"),
     ],
 )
 def test_a_reading_that_nothing_here_gives_is_refused(reading: str, more: dict, said: str) -> None:
     plain = plain_mission(node_that_sees(reading, **more))
     built = build(plain, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)
     with pytest.raises(
-        UsageError, match=f"'end' wants the reading '{reading}', and nothing in map gives it"
+        UsageError, match=f"'end' requires the reading '{reading}', which has no source in map"
     ) as refused:
         orders_of(plain, built, HALL)
     assert said in refused.value.hint

@@ -198,7 +198,7 @@ def test_controllers_of_one_s_own_audit_each_other_in_an_arena(tmp_path, capsys)
 def test_an_attack_that_raises_is_told_from_one_that_was_stopped(tmp_path):
     (tmp_path / "still.py").write_text(STILL)
     words = ("--robots", "2", "--duration", "1.5", "--attack", f"{tmp_path / 'still.py'}:Broken:robot=2,at=0.1")
-    summary = arena(tmp_path, *words, fails="phalanx: error: robot 2 ended by a mistake, told above, within ")
+    summary = arena(tmp_path, *words, fails="phalanx: error: robot 2 ended with an error, see above, within ")
     assert [told["failed_s"] is None for told in summary["processes"]] == [True, False]
     told = summary["processes"][0]
     assert 0 < told["memory_began_kb"] <= told["memory_kb"]

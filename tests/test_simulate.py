@@ -268,7 +268,7 @@ class TestCautions:
         assert words.startswith(
             "none of the robots has a quorum at the start, 3 correct others (f_max + 2) within 116 m"
         )
-        assert "compromised robots may have them stopped" in words
+        assert "compromised robots can cause them to be stopped" in words
         assert cautions(Scenario(robots=4, bti=BtiConfig(f_max=1))) == []
 
     def test_nor_has_a_wide_grid(self):
@@ -289,7 +289,7 @@ class TestCautions:
     def test_that_liars_may_fill_the_channel_with_the_audits_of_others(self):
         hub = Scenario(robots=33, hub=26, grid_step_m=6, bti=BtiConfig(f_max=12, t_audit_ms=2000))
         words, _ = cautions(hub)
-        assert "if f_max compromised robots fill their logs, audits want 79% of the channel" in words
+        assert "if f_max compromised robots fill their logs, audits need 79% of the channel" in words
         assert cautions(replace(hub, robots=19, hub=12, n_max=None, bti=BtiConfig(f_max=5, t_audit_ms=2000))) == []
         crowd = Scenario(robots=60, grid_step_m=4, bti=BtiConfig(f_max=3))
         assert cautions(crowd) == []
@@ -311,17 +311,17 @@ class TestCautions:
         liars = (AttackSpec(name="crash"),) * 3
         assert cautions(Scenario(robots=25, bti=BtiConfig(f_max=3), attacks=liars)) == []
         (words,) = cautions(Scenario(robots=25, bti=BtiConfig(f_max=2), attacks=liars))
-        assert words == "3 compromised robots, and f_max is 2: nothing is promised; f_max 3, or fewer attacks"
+        assert words == "3 compromised robots, f_max is 2: nothing is promised; use f_max 3 or fewer attacks"
 
     def test_that_more_are_in_range_than_n_max(self):
         assert cautions(Scenario(robots=25, n_max=24)) == []
         (words,) = cautions(Scenario(robots=25, n_max=23))
-        assert "has 24 others in range at the start, and n_max is 23" in words
+        assert "has 24 others in range at the start, n_max is 23" in words
 
     def test_that_the_buckets_of_liars_let_out_a_quarter_of_the_channel(self):
         wide = Scenario(robots=25, n_max=50, bti=BtiConfig(f_max=8))
         (words,) = cautions(wide)
-        assert words.startswith("with n_max 50 the a-nodes of f_max compromised robots let out audit packets for 38%")
+        assert words.startswith("with n_max 50 the a-nodes of f_max compromised robots allow audit packets for 38%")
         assert cautions(replace(wide, defence="paper")) == cautions(replace(wide, n_max=24)) == []
 
     @pytest.mark.parametrize("name", built_in("scenarios"))

@@ -106,7 +106,7 @@ class TestMistakes:
             (("--robots", "4", "--defence", "none"), "--keys without audits"),
             (("--mission", "office"), "--keys with --mission"),
             (("--swarm", "robots.yaml"), "--swarm and --keys"),
-            (("--robots", "4", "--scenario", "patroll"), "no wheels can do 'patroll'"),
+            (("--robots", "4", "--scenario", "patroll"), "wheeled robots cannot do 'patroll'"),
         ],
     )
     def test_each_is_a_line_and_no_mission_is_used_up(self, owned, words, told):

@@ -112,17 +112,17 @@ class TestPlan:
     @pytest.mark.parametrize(
         "text, told",
         [
-            ("", "mine.yaml:1: the file is no mapping"),
-            ("- 1", "mine.yaml:1: the file is no mapping"),
+            ("", "mine.yaml:1: the file is not a mapping"),
+            ("- 1", "mine.yaml:1: the file is not a mapping"),
             ("seeds: 3", "mine.yaml:1: no scenario"),
             ("scenario: flock-12\nseed: 3", "mine.yaml:2: no 'seed' in a sweep"),
             ("scenario: flock-12\nseeds: [1, 1]", "mine.yaml:2: seeds is [1, 1]"),
             ("scenario: flock-12\nseeds: -1", "mine.yaml:2: seeds is -1"),
-            ("scenario: flock-12\ngrid:\n  robot: [3]", "mine.yaml:3: nothing of a scenario is called 'robot'"),
+            ("scenario: flock-12\ngrid:\n  robot: [3]", "mine.yaml:3: a scenario has no setting 'robot'"),
             ("scenario: flock-12\ngrid:\n  robots: [four]", "mine.yaml:3: robots is 'four'"),
             ("scenario: flock-12\ngrid:\n  robots: [true]", "mine.yaml:3: robots is True"),
-            ("scenario: flock-12\ngrid:\n  robots: [4, 4]", "mine.yaml:3: robots: the same twice"),
-            ("scenario: flock-12\ngrid:\n  robots: []", "mine.yaml:3: robots: nothing"),
+            ("scenario: flock-12\ngrid:\n  robots: [4, 4]", "mine.yaml:3: robots: a value twice"),
+            ("scenario: flock-12\ngrid:\n  robots: []", "mine.yaml:3: robots: no values"),
             ("scenario: flock-12\nseeds: 1000000\ngrid:\n  robots: [4, 5]", "mine.yaml:3: 2000000 runs"),
             ("scenario: flock-12\ngrid: {robots: 4.5}", "at scenario flock-12, robots 4.5: robots is 4.5"),
             ("scenario: flock-12\ngrid: {attack: spof}", "at scenario flock-12, attack spof: no attack 'spof'"),
@@ -207,7 +207,7 @@ class TestStore:
         parquet.write_table(pa.table({"key": ["mine"]}), theirs)
         with pytest.raises(UsageError) as wrong, Store(tmp_path / "out", sweep, "1"):
             pass
-        assert str(wrong.value) == f"{theirs} is no part of this sweep"
+        assert str(wrong.value) == f"{theirs} is not part of this sweep"
 
     def test_a_row_is_what_the_run_alone_comes_to(self, written, tmp_path):
         sweep = read_sweep(written(SMALL))

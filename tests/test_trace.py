@@ -92,7 +92,7 @@ def test_each_line_is_an_event_at_its_time_or_an_action_that_it_led_to(case):
         r"^token of robot \d for robot 5 \(\d+ bytes\)$",
         r"^on robot \d: a token is due$",
         r"^\d+ ms of its clock$",
-        r"^it arrived$",
+        r"^delivered$",
     ):
         assert re.search(pattern, whole, re.MULTILINE), pattern
 
@@ -110,8 +110,8 @@ def test_a_robot_that_listens_or_whose_radio_is_busy_is_traced_the_same():
     traced, lines = lived(lossy, None, is_traced=True)
     assert traced == untraced
     assert any(re.search(r"-> round at +\d+ ms of its clock, silent until then$", line) for line in lines)
-    assert any(line.endswith("on_round    after it has listened") for line in lines)
-    assert any(line.endswith("on_sent     it did not arrive") for line in lines)
+    assert any(line.endswith("on_round    after listening") for line in lines)
+    assert any(line.endswith("on_sent     not delivered") for line in lines)
 
 
 @pytest.mark.parametrize("rob_id", [0, 10, -1])
@@ -127,7 +127,7 @@ def test_any_packet_has_a_description_with_its_length(raw, audits):
 
 
 def test_what_is_no_packet_of_ours_is_a_number():
-    assert described(b"") == "nothing (0 bytes)"
+    assert described(b"") == "empty (0 bytes)"
     assert described(b"\x7f") == "kind 127 (1 bytes)"
     frame = row(bytes(request.AUDIT_HEAD_BYTES))
     request.audit_head(frame, 3, 0, 9)

@@ -83,7 +83,7 @@ def test_a_file_that_was_cut_anywhere_is_shown_up_to_there_or_refused_in_a_line(
             continue
         assert lines[:-1] == whole[: len(lines) - 1]
         shown.add(len(lines))
-        assert "cut short" in caplog.text
+        assert "is truncated" in caplog.text
     assert shown
 
 
@@ -135,7 +135,7 @@ def test_of_many_chunks_those_are_shown_that_are_whole(tmp_path, caplog):
     for length in range(third - 20, third + 20):
         path.write_bytes(data[:length])
         assert lines_of(path) == whole[:2]
-    assert "cut short" in caplog.text
+    assert "is truncated" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_a_pipe_is_no_recording_and_is_not_waited_for(tmp_path):
 
 @pytest.mark.parametrize("x_m", [float("nan"), float("inf"), 1e300])
 def test_a_place_that_is_none_is_one_line(tmp_path, x_m):
-    with pytest.raises(UsageError, match="not as phalanx writes"):
+    with pytest.raises(UsageError, match="not a recording of phalanx"):
         (lines_of(written(tmp_path / "x.mcap", frame(0, "robot-1", x_m, 0, 0))))
 
 
@@ -191,7 +191,7 @@ def test_what_is_longer_than_a_page_keeps_says_so(seen, tmp_path, monkeypatch, c
     assert not caplog.text
     monkeypatch.setattr(scenes, "MOST_TOLD", 100)
     assert 1 < len(lines_of(seen[0])) < 10
-    assert "the end is left out" in caplog.text
+    assert "the end is not shown" in caplog.text
 
 
 def test_misuse_is_one_line(phalanx, seen, tmp_path, monkeypatch):

@@ -141,10 +141,10 @@ def test_a_protocol_s_lies_are_none_of_those_who_do_something_else():
 @pytest.mark.parametrize(
     "protocol, robots, told",
     [
-        ("warehouse", 8, "no wheels can do 'warehouse'"),
-        ("dance", 8, "no wheels can do 'dance'"),
-        ("patrol", 41, "41 robots that do patrol"),
-        ("perimeter", 13, "13 robots that do perimeter"),
+        ("warehouse", 8, "wheeled robots cannot do 'warehouse'"),
+        ("dance", 8, "wheeled robots cannot do 'dance'"),
+        ("patrol", 41, "41 robots for patrol"),
+        ("perimeter", 13, "13 robots for perimeter"),
     ],
 )
 def test_what_wheels_cannot_do_is_refused(protocol, robots, told, phalanx):

@@ -58,9 +58,9 @@ def advanced(made, defence="hardened"):
         ([Send(b"")], "Send of bytes, 0 long"),
         ([Send(bytes(2049))], "Send of bytes, 2049 long"),
         ([Send(b"\x80 hello")], "like one of the audits"),
-        ([Act(STAND[:-1])], "no command of its body's: 18 bytes, the first 3"),
-        ([Act(STATE.encode(id=1, t=0, x_m=0, y_m=0, vx_mps=0, vy_mps=0))], "no command of its body's: 27 bytes"),
-        ([Act(bytes(19))], "no command of its body's: 19 bytes, the first 0"),
+        ([Act(STAND[:-1])], "not a command of its body: 18 bytes, the first 3"),
+        ([Act(STATE.encode(id=1, t=0, x_m=0, y_m=0, vx_mps=0, vy_mps=0))], "not a command of its body: 27 bytes"),
+        ([Act(bytes(19))], "not a command of its body: 19 bytes, the first 0"),
     ],
 )
 @pytest.mark.parametrize("defence", ["none", "hardened"])

@@ -167,7 +167,7 @@ def test_too_few_robots_and_what_no_audit_can_show_are_refused():
         run_of((part,), robots=2)
     with pytest.raises(UsageError, match="33 robots"):
         run_of((part,), robots=33)
-    with pytest.raises(UsageError, match="when they meet"):
+    with pytest.raises(UsageError, match="between robots that meet"):
         run_of((part,), meet_m=5.0)
 
 

@@ -1,1 +1,1 @@
-"""Tools of researchers around robots: sweeps, scorecards, arenas, buildings by chance, captured missions."""
+"""Tools for researchers: sweeps, scorecards, arenas, random buildings, attacks on captured missions."""

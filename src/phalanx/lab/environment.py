@@ -1,7 +1,7 @@
-"""The simulated swarm as a PettingZoo environment: policies, learnt or scripted, fly the robots.
+"""Simulated swarm as a PettingZoo environment: learnt or scripted policies control the robots.
 
-Nobody audits them: an auditor would have to run the policy again, and get the same bits. Compromised robots of the
-scenario lie to them as to any other robot.
+The robots are not audited, because an auditor would have to repeat the policy's computation bit by bit. Compromised
+robots of the scenario send them false states as in any other run.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ except ImportError as error:
     raise Unavailable("PettingZoo is not installed", "pip install '.[pettingzoo]' in a clone") from error
 
 Vector = NDArray[np.float32]
-MOST_MPS2 = 5.0  # what an axis does, docs/spec/world.md
-FORGET_MS = 5000  # who was not heard for so long is not there
+MOST_MPS2 = 5.0  # largest acceleration per axis, docs/spec/world.md
+FORGET_MS = 5000  # age at which a neighbour's state is dropped
 OWN, EACH = 4, 5
 
 
-class _Flown(Controller):
-    """A robot that does what the policy has chosen last, broadcasts where it is, and remembers what it heard."""
+class _PolicyRobot(Controller):
+    """Robot that executes the policy's last action, broadcasts its state, and stores its neighbours' states."""
 
     def __init__(self, rob_id: int, steps_per_state: int) -> None:
         super().__init__(rob_id)
-        self.told = Command(0.0, 0.0)
+        self.command = Command(0.0, 0.0)
         self.reading = Reading(0.0, 0.0, 0.0, 0.0)
-        self.heard: dict[int, tuple[int, State]] = {}  # by robot: when, and what
+        self.heard: dict[int, tuple[int, State]] = {}  # by robot: time of arrival, state
         self._steps_per_state = steps_per_state
 
     def encode(self) -> bytes:
@@ -50,7 +50,7 @@ class _Flown(Controller):
 
     def decode(self, encoding: bytes) -> None:
         raise MalformedRecord(
-            f"{len(encoding)} bytes: robot {self.rob_id} is flown from outside, and has no checkpoint"
+            f"{len(encoding)} bytes: robot {self.rob_id} is controlled by a policy, and has no checkpoint"
         )
 
     def on_state(self, t_ms: int, state: State) -> None:
@@ -58,8 +58,8 @@ class _Flown(Controller):
 
     def on_reading(self, step: int, _t_ms: int, reading: Reading) -> list[Command | State]:
         self.reading = reading
-        speaks = (step + self.rob_id) % self._steps_per_state == 0
-        return [self.told, State(*_motion(reading))] if speaks else [self.told]
+        is_due = (step + self.rob_id) % self._steps_per_state == 0
+        return [self.command, State(*_motion(reading))] if is_due else [self.command]
 
 
 def _motion(at: Reading | State) -> tuple[float, float, float, float]:
@@ -67,17 +67,17 @@ def _motion(at: Reading | State) -> tuple[float, float, float, float]:
 
 
 class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
-    """A scenario whose correct robots are agents, "robot_1" and so on. A step is 0.25 s.
+    """PettingZoo environment of a scenario: its correct robots are the agents "robot_1" etc.; a step is 0.25 s.
 
-    An observation is float32, (4 + 5 `heard`,). It begins with the way to the goal (m, two) and the own velocity (m/s,
-    two). Then come the nearest robots that were heard in the last 5 s: of each 1.0, its place and its velocity, both
-    seen from the own; zeros where there is none. Places are what robots said: of a compromised robot, a lie. An action
-    is float32, (2,): the acceleration, m/s², -5 to 5; more is cut. The reward is by how many metres the robot came
-    nearer to the goal, less 1 for each robot that it touches. All agents are truncated at the scenario's end.
+    An observation is float32, (4 + 5 `heard`,). It begins with the vector to the goal (m, two) and the own velocity
+    (m/s, two). Then follow the nearest robots whose states arrived in the last 5 s: of each 1.0, its position and its
+    velocity, both relative to the own; zeros fill the rest. A compromised robot's state is false. An action is float32,
+    (2,): the acceleration, m/s², clipped to -5 to 5. The reward is the distance gained towards the goal, in metres,
+    less 1 for each robot in contact. All agents are truncated at the scenario's end.
 
     Args:
-        scenario: itself, the name of a built-in one, or a YAML file; its defence is none.
-        heard: robots in an observation.
+        scenario: a scenario, the name of a built-in one, or a YAML file; its defence is replaced by none.
+        heard: number of robots in an observation.
     Raises: as `find_scenario`. UsageError: `heard` is less than 0.
     """
 
@@ -85,7 +85,7 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
 
     def __init__(self, scenario: Scenario | str | Path = "flock-12", *, heard: int = 6) -> None:
         if heard < 0:
-            raise UsageError(f"heard is {heard}", "0 or more")
+            raise UsageError(f"heard is {heard}", "use 0 or more")
         chosen = scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
         self.scenario = replace(chosen, defence="none")
         self.render_mode = None
@@ -97,73 +97,73 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
         size = OWN + EACH * heard
         self.observation_spaces = {name: Box(-np.inf, np.inf, (size,), np.float32) for name in self._ids}
         self.action_spaces = {name: Box(-MOST_MPS2, MOST_MPS2, (2,), np.float32) for name in self._ids}
-        self._flown: dict[int, _Flown] = {}
-        self.run: Run | None = None  # what is flown: its places, shields and summary
+        self._controlled: dict[int, _PolicyRobot] = {}
+        self.run: Run | None = None  # the current run, with positions, shields and summary
 
     def observation_space(self, agent: str) -> Box:
-        """Of an agent; the same object each time."""
+        """Return the agent's observation space, the same object each time."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> Box:
-        """Of an agent; the same object each time."""
+        """Return the agent's action space, the same object each time."""
         return self.action_spaces[agent]
 
     def reset(
         self,
         seed: int | None = None,
-        options: Mapping[str, Any] | None = None,  # noqa: ARG002 - PettingZoo's, and there are none
+        options: Mapping[str, Any] | None = None,  # noqa: ARG002 - part of PettingZoo's interface
     ) -> tuple[dict[str, Vector], dict[str, dict[str, Any]]]:
-        """From the scenario's beginning, with its seed or this one. Who lies stays the same.
+        """Restart the scenario with its seed or this one. The compromised robots stay the same.
 
-        Returns: what each agent observes, and what else is known: `time_s`.
+        Returns: observations and infos by agent; an info has `time_s`.
         """
         scenario = self.scenario
         if seed is not None:
             scenario = replace(scenario, seed=seed % (1 << 32), attacks=scenario.drawn_attacks())
-        self._flown = {}
+        self._controlled = {}
         self.run = Run(scenario, self._make)
-        self.run.advance(2 * STEP_S)  # by then all have seen where they are
+        self.run.advance(2 * STEP_S)  # by then all robots have a sensor reading
         self.agents = list(self.possible_agents)
         return self._observed(), self._infos(self.run)
 
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[dict[str, Vector], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """0.25 s in which each agent accelerates as told; who is told nothing does as before.
+        """Advance by 0.25 s with the given accelerations; an agent without an action keeps its last one.
 
         Returns: observations, rewards, terminated, truncated, infos, by agent.
-        Raises: UsageError: an action is not two finite numbers, or there was no reset.
+        Raises: UsageError: an action is not two finite numbers, or reset() was not called.
         """
         if self.run is None:
-            raise UsageError("step before reset", "env.reset()")
+            raise UsageError("step before reset", "call env.reset() first")
         for agent, action in actions.items():
-            told = np.asarray(action, np.float64)
-            if agent not in self._ids or told.shape != (2,) or not np.isfinite(told).all():
-                raise UsageError(f"the action of {agent} is {action!r}", "two finite numbers, for one of `agents`")
-            ax_mps2, ay_mps2 = np.clip(told, -MOST_MPS2, MOST_MPS2).tolist()
-            self._flown[self._ids[agent]].told = Command(ax_mps2, ay_mps2)
+            accel = np.asarray(action, np.float64)
+            if agent not in self._ids or accel.shape != (2,) or not np.isfinite(accel).all():
+                raise UsageError(f"the action of {agent} is {action!r}", "give two finite numbers, for one of `agents`")
+            ax_mps2, ay_mps2 = np.clip(accel, -MOST_MPS2, MOST_MPS2).tolist()
+            self._controlled[self._ids[agent]].command = Command(ax_mps2, ay_mps2)
         run, before_m = self.run, self._to_goal_m(self.run.positions_m)
         run.advance(min(run.now_s + STEP_S, self.scenario.duration_s))
         nearer_m, touched = before_m - self._to_goal_m(run.positions_m), self._touched(run.positions_m)
         over = run.now_s >= self.scenario.duration_s
         at = {agent: self._ids[agent] - 1 for agent in self.agents}
         rewards = {agent: float(nearer_m[i] - touched[i]) for agent, i in at.items()}
-        told_all = self._observed(), rewards, dict.fromkeys(at, False), dict.fromkeys(at, over), self._infos(run)
+        results = self._observed(), rewards, dict.fromkeys(at, False), dict.fromkeys(at, over), self._infos(run)
         if over:
             self.agents = []
-        return told_all
+        return results
 
     def close(self) -> None:
-        """Nothing is held."""
+        """End the run; there are no resources to release."""
         self.run = None
 
-    def _make(self, rob_id: int) -> _Flown:
-        self._flown[rob_id] = _Flown(rob_id, self.scenario.bti.steps_per_state)
-        return self._flown[rob_id]
+    def _make(self, rob_id: int) -> _PolicyRobot:
+        self._controlled[rob_id] = _PolicyRobot(rob_id, self.scenario.bti.steps_per_state)
+        return self._controlled[rob_id]
 
     def _to_goal_m(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        way: NDArray[np.float64] = np.hypot(*(at - np.array(self.scenario.goal_m)).T)
-        return way
+        distance: NDArray[np.float64] = np.hypot(*(at - np.array(self.scenario.goal_m)).T)
+        return distance
 
     def _touched(self, at: NDArray[np.float64]) -> NDArray[np.int64]:
         apart_m = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1))
@@ -174,9 +174,9 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
         return {agent: {"time_s": run.now_s} for agent in self.agents}
 
     def _observed(self) -> dict[str, Vector]:
-        return {agent: self._seen_by(self._flown[self._ids[agent]]) for agent in self.agents}
+        return {agent: self._seen_by(self._controlled[self._ids[agent]]) for agent in self.agents}
 
-    def _seen_by(self, robot: _Flown) -> Vector:
+    def _seen_by(self, robot: _PolicyRobot) -> Vector:
         seen = np.zeros(OWN + EACH * self._heard, np.float32)
         own = np.array(_motion(robot.reading))
         seen[:OWN] = [*(np.array(self.scenario.goal_m) - own[:2]), *own[2:]]

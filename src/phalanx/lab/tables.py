@@ -1,4 +1,4 @@
-"""Tables of a `Result` for pandas, and as Parquet files."""
+"""Convert tables of a `Result` to pandas and to Parquet files."""
 
 from __future__ import annotations
 
@@ -36,5 +36,5 @@ def to_parquet(result: Result, path: str | Path, table: Table = "robots") -> Pat
     except ImportError as error:
         raise Unavailable("pyarrow is not installed", RESEARCH_HINT) from error
     except OSError as error:
-        raise Unavailable(f"cannot write {path}: {error.strerror or error}", "a file in a folder there is") from error
+        raise Unavailable(f"cannot write {path}: {error.strerror or error}", "use an existing folder") from error
     return Path(path)

@@ -1,1 +1,1 @@
-"""One file per figure: what was measured goes to a CSV, and the figure is drawn from the CSV alone."""
+"""Reproduction of the papers' figures: measurements go to one CSV per figure, and plots read only that CSV."""

@@ -1,6 +1,6 @@
-"""The figures and tables of the papers that are reproduced here, one record each.
+"""Registry of the reproduced figures and tables of the papers, one record each.
 
-The module that measures and compares a figure is loaded when it is needed: only its name stands here. Rows go to a CSV
+The module that measures and compares a figure is imported on demand; the record holds only its name. Rows go to a CSV
 (table.py), and `phalanx.lab.figures` draws the figure from the CSV alone.
 """
 
@@ -22,10 +22,10 @@ MATPLOTLIB_HINT = "make setup, or pip install '.[reproduce]' in a clone"
 class Option:
     """An option of a figure's command."""
 
-    name: str  # as typed, without the dashes
-    default: float | str  # of the type that it takes
+    name: str  # on the command line, without the dashes
+    default: float | str  # also determines the option's type
     help: str
-    least: float = 0.0  # of a number
+    least: float = 0.0  # bounds of a numeric option
     most: float = float("inf")
 
 
@@ -37,50 +37,50 @@ QUICK = {"seeds": 2}
 class Figure:
     """One figure or table of a paper.
 
-    Most figures are measured case by case. The `body` of those has
+    Most figures are measured case by case. Their `body` has
 
     - `COLUMNS`;
     - `cases(seeds)`: the cases' names, in the order to measure them;
-    - `measure_case(case, tell)`: the rows of one, and what else is kept of it if anything is;
+    - `measure_case(case, tell)`: the rows of one case, optionally with a dict of further results;
     - `compare(table)`: the statements;
-    - `origin()`, if more than the version must agree for two measurements to share a file.
+    - `origin()`, optional: the settings, besides the version, that must agree for two measurements to share a file.
 
-    The others have `measure(folder, on_progress, **options)`, the CSV's path, and `report(table)` beside `compare`.
+    The others have `measure(folder, on_progress, **options)`, which returns the CSV's path, and `report(table)`.
     """
 
-    name: str  # as typed, and of its files
-    made_by: Any  # its body: a module of this package, "module:name" in one, or anything else
+    name: str  # of the command and of the files
+    made_by: Any  # the body: a module of this package, "module:name" in one, or an object
     about: str  # one line with its place in the paper
     _: KW_ONLY
     example: str = "--seeds 5"
     options: tuple[Option, ...] = (SEEDS,)
-    quick: Mapping[str, float | str] = field(default_factory=lambda: QUICK)  # values of options with --quick
-    has_login: bool = False  # whether it takes a broker's login
-    # Whether it measures how long something takes: then nothing may run beside it.
+    quick: Mapping[str, float | str] = field(default_factory=lambda: QUICK)  # option values for --quick
+    has_login: bool = False  # accepts a broker's login
+    # Measures durations, so that nothing else may run meanwhile.
     alone: bool = False
-    counted: str = "cases"  # what is counted while it is measured
+    counted: str = "cases"  # unit of the progress display
     size_in: tuple[float, float] = (11.0, 5.5)
 
     @property
     def body(self) -> Any:
-        """The module or object that measures and compares it."""
+        """Return the module or object that measures and compares this figure."""
         return resolve_name(f"{__package__}.{self.made_by}") if isinstance(self.made_by, str) else self.made_by
 
     def csv(self, folder: Path) -> Path:
-        """Return the path of its rows."""
+        """Return the path of the figure's CSV in `folder`."""
         return folder / f"{self.name}.csv"
 
-    def asked(self, said: Mapping[str, Any], *, quick: bool = False) -> dict[str, Any]:
-        """Return the values of all options: what was said, and where nothing was, the small form's or the default."""
+    def asked(self, given: Mapping[str, Any], *, quick: bool = False) -> dict[str, Any]:
+        """Return the values of all options: as given, else as in the quick form if `quick`, else the default."""
         small = self.quick if quick else {}
-        return {each.name: small.get(each.name, each.default) for each in self.options} | dict(said)
+        return {each.name: small.get(each.name, each.default) for each in self.options} | dict(given)
 
-    def check(self, said: Mapping[str, Any]) -> None:
-        """Raises: UsageError: a number is out of its bounds."""
+    def check(self, given: Mapping[str, Any]) -> None:
+        """Check the bounds of numeric options. Raises: UsageError: a number is out of bounds."""
         for option in self.options:
-            value = said.get(option.name, option.default)
+            value = given.get(option.name, option.default)
             if not isinstance(value, str) and not option.least <= value <= option.most:
-                raise UsageError(f"{value:g} {option.name}", f"{option.least:g} to {option.most:g}")
+                raise UsageError(f"{option.name} {value:g} is out of range", f"use {option.least:g} to {option.most:g}")
 
 
 _flock = partial(Figure, counted="runs", size_in=(11.0, 8.4))
@@ -112,28 +112,26 @@ _FIGURES = (
         "Ten of 125 robots lie among obstacles, and the flock stays away (RoboRebound Fig. 2)",
     ),
     Figure(
-        "bti-fig5", "bti.loads:FIG5", "What a MAC and a hash cost on microcontrollers (RoboRebound Fig. 5a)", alone=True
+        "bti-fig5", "bti.loads:FIG5", "Cost of a MAC and a hash on microcontrollers (RoboRebound Fig. 5a)", alone=True
     ),
     Figure("bti-table1", "bti.loads:TABLE1", "Worst load of the a-node, call by call (RoboRebound Table 1)"),
     Figure("bti-table2", "bti.loads:TABLE2", "Worst load of the s-node, call by call (RoboRebound Table 2)"),
     _flock(
         "bti-fig6",
         "bti.fig6",
-        "What audits send and keep, by f_max and T_audit (RoboRebound Fig. 6)",
+        "Bandwidth and storage of audits, by f_max and T_audit (RoboRebound Fig. 6)",
         size_in=(12.0, 5.8),
     ),
     _flock(
         "bti-fig7",
         "bti.fig7",
-        "What audits send and keep in denser flocks and in larger ones (RoboRebound Fig. 7)",
+        "Bandwidth and storage of audits, by density and size of the flock (RoboRebound Fig. 7)",
         size_in=(12.0, 8.6),
     ),
     _flock(
-        "bti-fig8", "bti.liars:FIG8", "One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)"
+        "bti-fig8", "bti.liars:FIG8", "One robot lies and is not stopped: the flock stays away (RoboRebound Fig. 8)"
     ),
-    _flock(
-        "bti-fig9", "bti.liars:FIG9", "One robot lies and the others stop it: the flock arrives (RoboRebound Fig. 9)"
-    ),
+    _flock("bti-fig9", "bti.liars:FIG9", "One robot lies and is stopped: the flock arrives (RoboRebound Fig. 9)"),
     Figure(
         "mission-fig8a",
         "missions.fig8a",

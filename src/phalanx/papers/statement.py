@@ -1,4 +1,4 @@
-"""Compare the papers' statements with our measurements: as lines, as JSON, and as one page of all figures."""
+"""Compare the papers' statements with our measurements: as text lines, JSON, and one page of all figures."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from .figure import Figure
 from .table import Table
 
 LOW, HIGH = 0.05, 0.95
-# With fewer seeds a figure has no verdict: one seed in ten often lies outside of what the others suggest.
+# Fewer seeds give no verdict: one seed in ten is often an outlier.
 LEAST_SEEDS = 10
 NO_VERDICT = "no verdict with fewer than ten seeds"
-# Of the papers' figures and tables, those that nobody can measure here.
+# Figures and tables of the papers that cannot be measured here.
 NOT_MEASURED = (
     ("Qrkey Figs. 1 to 3, 5, 6, Table I", "pictures of the protocol, the robot and the page; its topics"),
     ("Encoded graphs Figs. 1 to 7", "drawings of the method"),
     ("RoboRebound Figs. 1, 3, 4", "photographs and a wiring diagram"),
-    ("RoboRebound Fig. 5b", "bytes in and out of a microcontroller: nothing here has its wires"),
+    ("RoboRebound Fig. 5b", "bytes in and out of a microcontroller: not measured without the hardware"),
     ("RoboRebound Table 3", "parameters; they are the defaults here"),
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """One thing that the paper or the reference says, and what we found."""
+    """A statement of the paper or the reference, and our result."""
 
-    what: str  # what is compared, with its unit
-    paper: str = ""  # what the paper says, in words, or ""
-    reference: str = ""  # what the independent reference has, or ""
+    what: str  # the compared quantity, with its unit
+    paper: str = ""  # the paper's value or wording, or ""
+    reference: str = ""  # the independent reference's value, or ""
     ours: str
-    agrees: bool | None  # whether ours is as `asked`, by the tolerance named in `why`; None without a verdict
-    why: str  # the tolerance, and where it comes from; of a disagreement, the reason
-    asked: str = "agrees"  # what was tested: that ours agrees, or only that it is "not worse"
+    agrees: bool | None  # our result meets `asked` within the tolerance in `why`; None: no verdict
+    why: str  # the tolerance and its origin; for a disagreement, the reason
+    asked: str = "agrees"  # the criterion: our result "agrees", or is "not worse"
 
     @property
     def differs(self) -> bool:
-        """Return whether there is a verdict, and ours is not as it was asked."""
+        """Return whether there is a verdict, and our result fails the criterion."""
         return self.agrees is not None and not self.agrees
 
     @property
     def verdict(self) -> str:
-        """In a word."""
+        """Return the verdict in one or two words."""
         return "-" if self.agrees is None else self.asked if self.agrees else "differs"
 
 
@@ -57,11 +57,11 @@ class Report:
 
     rows: list[dict[str, Any]]  # for JSON
     lines: list[str]
-    more: dict[str, Any]  # what JSON says beside the rows
+    more: dict[str, Any]  # further fields of the JSON
 
 
 def compare(figure: Figure, table: Table) -> list[Statement]:
-    """Return the figure's statements; without verdicts where the table has fewer than LEAST_SEEDS seeds."""
+    """Return the figure's statements, without verdicts if the table has fewer than LEAST_SEEDS seeds."""
     statements: list[Statement] = figure.body.compare(table)
     return [replace(each, agrees=None) for each in statements] if _has_few_seeds(table) else statements
 
@@ -87,50 +87,50 @@ def report(figure: Figure, table: Table) -> Report:
 
 
 def last_line(statements: list[Statement]) -> str:
-    """Summarise which statements agree with the paper and the reference, which differ, and why."""
+    """Summarise the agreeing statements by criterion, and the differing ones with their tolerance."""
     met = {
         asked: [each.what for each in statements if each.agrees and each.asked == asked]
         for asked in dict.fromkeys(each.asked for each in statements)
     }
-    said = [f"{asked}: {'; '.join(whats)}" for asked, whats in met.items() if whats]
+    parts = [f"{asked}: {'; '.join(whats)}" for asked, whats in met.items() if whats]
     differ = [f"{each.what}: {each.ours} (asked: {each.why})" for each in statements if each.differs]
-    return ".  ".join([*said, f"differs: {'; '.join(differ)}" if differ else "nothing differs"])
+    return ".  ".join([*parts, f"differs: {'; '.join(differ)}" if differ else "nothing differs"])
 
 
 def quantiles(values: NDArray[np.float64], form: str = ".1f") -> str:
-    """Return `median (5 % … 95 %)`; the two quantiles are values that were measured."""
+    """Return `median (5 % … 95 %)`; the two quantiles are measured values, not interpolated."""
     low, high = np.quantile(values, (LOW, HIGH), method="nearest")
     return f"{np.median(values):{form}} ({low:{form}} … {high:{form}})"
 
 
 def band(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Median, 5 % and 95 % quantile over the seeds, each (T,)."""
+    """Return the median, the 5 % and the 95 % quantile over the seeds, each (T,)."""
     low, middle, high = np.quantile(values, (LOW, 0.5, HIGH), axis=0)
     return middle, low, high
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """Result of a figure: statements, or the reason why there are none."""
+    """Result of a figure for the page: its statements, or the reason why there are none."""
 
     figure: Figure
-    measured: str = ""  # how much of it, and by which version
+    measured: str = ""  # the extent of the measurement and the version that made it
     statements: Sequence[Statement] = ()
     failure: str = ""
 
     @property
     def differing(self) -> list[Statement]:
-        """Of the statements, those in which ours is not as it was asked."""
+        """Return the statements for which our result fails the criterion."""
         return [each for each in self.statements if each.differs]
 
     @property
     def agreeing(self) -> int:
-        """Of how many statements ours is as it was asked."""
+        """Return the number of statements for which our result meets the criterion."""
         return sum(bool(each.agrees) for each in self.statements)
 
     @property
     def verdict(self) -> str:
-        """In a few words."""
+        """Return the verdict on the figure in one line."""
         if self.failure:
             return f"not measured: {self.failure}"
         if all(each.agrees is None for each in self.statements):
@@ -143,11 +143,11 @@ class Shown:
 
 
 def page(command: str, version: str, shown: Sequence[Shown]) -> str:
-    """The page, as Markdown; pictures lie beside it."""
+    """Return the page of all figures as Markdown; it links pictures in the same folder."""
     today = datetime.now(UTC).strftime("%-d %B %Y")
     parts = [
         "# The papers' figures and tables, and ours",
-        f"{today}, `{command}`, phalanx {version}. What differs is a finding; the last column says what was asked.",
+        f"{today}, `{command}`, phalanx {version}. Differences are findings; the last column gives the criterion.",
         _table(("figure", "shows", ""), ((each.figure.name, each.figure.about, each.verdict) for each in shown)),
     ]
     for each in shown:

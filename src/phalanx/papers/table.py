@@ -1,12 +1,12 @@
-"""The CSV behind every figure: it grows by whole cases while they are measured, and goes on where it was stopped.
+"""CSV file of a figure's measurement: it grows by whole cases, and an interrupted measurement continues it.
 
-    # phalanx mission-fig8b {"version": ...}     and what else two measurements that share a file must agree in
+    # phalanx mission-fig8b {"version": ...}     and other settings that must be equal to continue the file
     case,odometry_p50_m,...
-    fixed;3;0.06;0;seed 4,1.41,...               as many lines as the case has
-    # end fixed;3;0.06;0;seed 4 {...}            and what else is kept of it, if anything is
+    fixed;3;0.06;0;seed 4,1.41,...               one or more lines per case
+    # end fixed;3;0.06;0;seed 4 {...}            optionally with further results of the case
 
-Where a case is a line, it ends with the line. Only this file writes such CSVs, and only it knows what of them is whole.
-A crash or a full disk may cut the end short: that is ignored when reading, and cut off before writing on.
+In some files each line is a case, without an end line. Only this module writes such CSVs and decides which cases are
+complete. After a crash or a full disk the last case may be incomplete: reading ignores it, and writing removes it.
 """
 
 from __future__ import annotations
@@ -42,59 +42,59 @@ ELSEWHERE = "use another folder with --out, or move the file away"
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """The content of a CSV; one without cases begins a new CSV."""
+    """Content of a CSV. A table without cases describes a new CSV."""
 
     figure: str
-    # With what it was measured, the version of the program among it. For two measurements to share a file all of it
-    # must agree, but what is in `free`.
+    # Settings of the measurement, including the program's version. To continue a file all of them must be equal,
+    # except those in `free`.
     origin: Mapping[str, Any]
-    columns: tuple[str, ...]  # of the lines, without the case
-    cases: dict[str, Rows] = field(default_factory=dict)  # (rows, columns) of each, in the order measured
-    kept: dict[str, dict[str, Any]] = field(default_factory=dict)  # what else was kept of a case
-    by_line: bool = False  # whether each line is a case; else cases have names, and their cells are numbers
+    columns: tuple[str, ...]  # without the case name
+    cases: dict[str, Rows] = field(default_factory=dict)  # (rows, columns) by case, in the order measured
+    kept: dict[str, dict[str, Any]] = field(default_factory=dict)  # further results by case
+    by_line: bool = False  # each line is a case; else cases have names, and all other cells are numbers
     free: frozenset[str] = frozenset()
-    # Where each line is a case, their cells and their numbers in the file.
+    # If each line is a case: line number in the file, and cells.
     lines: list[tuple[int, list[str]]] = field(default_factory=list)
 
     @property
     def head(self) -> str:
-        """The first two lines of its file."""
+        """Return the first two lines of the file."""
         names = self.columns if self.by_line else ("case", *self.columns)
         return f"# phalanx {self.figure} {json.dumps(dict(self.origin))}\n{','.join(names)}\n"
 
     @property
     def version(self) -> str:
-        """Of the program that began it."""
+        """Return the version of the program that started the file."""
         return str(self.origin.get("version", ""))
 
     @property
     def seeds(self) -> int | None:
-        """Return the number of seeds of the point that has the fewest; None where no case has a seed."""
+        """Return the least number of seeds of any point; None if no case has a seed."""
         points = Counter(case.rpartition("seed ")[0] for case in self.cases if "seed " in case)
         return min(points.values(), default=None)
 
     def column(self, case: str, name: str) -> Rows:
-        """(rows,) of a case."""
+        """Return (rows,) values of a column for a case."""
         values: Rows = self.cases[case][:, self.columns.index(name)]
         return values
 
 
 def read_table(path: Path, figure: str = "") -> Table:
-    """The table in a CSV, of this figure or of any.
+    """Read the table in a CSV; if `figure` is given, it must be of that figure.
 
-    Raises: UsageError: no such file, or not one of ours. Unavailable: it cannot be read.
+    Raises: UsageError: no such file, or not a CSV of a figure. Unavailable: the file cannot be read.
     """
-    return _parse(path, read_at_most(path, MOST_BYTES, "phalanx reproduce makes one"), figure)[0]
+    return _parse(path, read_at_most(path, MOST_BYTES, "create it with phalanx reproduce"), figure)[0]
 
 
 class TableFile:
-    """A CSV that grows. Use as `with`: entered, it is ours alone and ends with something whole.
+    """A CSV opened for appending cases, as a context manager that locks it and removes an incomplete end.
 
-    Then `table` is what was there, or `begin` in a new file, and `done` names the cases that are there. `check` raises
-    UsageError on a table that is none of the figure's. The file is made if it is not there, with its folder.
+    On entering, the file and its folder are created if missing. `table` is then the existing content, or `begin` for a
+    new file, and `done` has the names of its cases. `check` raises UsageError on a table that does not fit the figure.
 
-    Raises: on entering, UsageError: the file is another measurement's, or another run writes to it; nothing was
-        altered. Unavailable: it cannot be written, on entering or later.
+    Raises: on entering, UsageError: the file is of another measurement, or another run is writing to it; it stays
+        unchanged. Unavailable: the file cannot be written, on entering or later.
     """
 
     def __init__(self, path: Path, begin: Table, check: Callable[[Table], object] = lambda _table: None) -> None:
@@ -119,14 +119,14 @@ class TableFile:
         os.close(self._fd)
 
     def append(self, case: str, rows: Rows, kept: Mapping[str, Any] | None = None) -> None:
-        """Write a whole case, now: its (rows, columns), and what else is kept of it. The name has no comma."""
+        """Write a complete case: its (rows, columns), and further results if any. The name must have no comma."""
         lines = [f"{case},{','.join(format(value, '.6g') for value in row)}\n" for row in rows.tolist()]
         end = f"{END}{case}{f' {json.dumps(dict(kept))}' if kept is not None else ''}\n"
         self._write("".join([*lines, end]))
         self.done.add(case)
 
     def append_line(self, cells: Iterable[str]) -> None:
-        """Write a case that is a line, now."""
+        """Write a case that consists of one line."""
         self._write(",".join(cells) + "\n")
 
     def _continue(self) -> None:
@@ -136,7 +136,7 @@ class TableFile:
             raise UsageError(f"another run writes to {self.path}", "wait for it, or choose another --out") from error
         data = self.path.read_bytes()
         begin = self.table
-        if begin.head.encode().startswith(data):  # new, or we died within the head
+        if begin.head.encode().startswith(data):  # new, or a run crashed while writing the head
             self._truncate(0)
             self._write(begin.head)
             return
@@ -146,7 +146,7 @@ class TableFile:
         for name, ours in begin.origin.items():
             theirs = self.table.origin.get(name)
             if theirs != ours and name not in begin.free:
-                shown = f" {theirs}, this run has {ours}" if len(f"{theirs}{ours}") < 80 else " of its own"
+                shown = f" {theirs}, this run has {ours}" if len(f"{theirs}{ours}") < 80 else " than this run"
                 raise UsageError(f"{self.path} was measured with another {name}:{shown}", ELSEWHERE)
         self._check(self.table)
         self.done = set(self.table.cases)
@@ -157,7 +157,7 @@ class TableFile:
             os.ftruncate(self._fd, size)
 
     def _write(self, text: str) -> None:
-        """At once: whatever happens to us later, it is there."""
+        """Write and flush to the operating system, so that a crash of this process loses nothing."""
         data = memoryview(text.encode())
         with self._writing():
             while data:
@@ -173,13 +173,13 @@ class TableFile:
 
 
 def version() -> str:
-    """Return the version of this program; with the commit, if it runs from a checkout."""
+    """Return the version of this program, with the commit if it runs from a checkout."""
     root = Path(__file__).parents[3]
     git = shutil.which("git")
     if git is None or not ((root / ".git").exists() and (root / "pyproject.toml").exists()):
         return __version__
     command = [git, "-C", str(root), "describe", "--always", "--dirty"]
-    # Without the environment's word git would lock the index, and disturb whoever is committing.
+    # Without this variable git may lock the index, and a concurrent commit would fail.
     quiet = os.environ | {"GIT_OPTIONAL_LOCKS": "0"}
     try:
         found = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True, env=quiet)
@@ -189,30 +189,30 @@ def version() -> str:
 
 
 def read_data(name: str) -> list[dict[str, str]]:
-    """Return the rows of a CSV that comes with the package, without the comments it begins with."""
+    """Return the rows of a CSV in phalanx/data, without its leading comments."""
     lines = (files("phalanx") / "data" / name).read_text().splitlines()
     return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
 def by_seed(seeds: int) -> list[str]:
-    """The cases of a figure that has one a seed."""
+    """Return the cases of a figure with one case per seed."""
     return [f"seed {seed}" for seed in range(seeds)]
 
 
 def seed_of(case: str) -> int:
-    """The seed that ends a case's name."""
+    """Return the seed at the end of a case's name."""
     return int(case.rpartition("seed ")[2])
 
 
-# Of each of these cases, in whatever order they come, its name and what the figure measured of it; a case that is
-# under way may tell which share of it is done.
+# Measures the given cases in any order; yields each case's name and the result of `measure_case`. The callback receives
+# the completed share of the current case, from 0 to 1.
 EachCase = Callable[[Figure, Sequence[str], Callable[[float], None]], Iterable[tuple[str, Any]]]
 
 
-def one_by_one(figure: Figure, todo: Sequence[str], tell: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
-    """An `EachCase` in this process."""
+def one_by_one(figure: Figure, todo: Sequence[str], on_share: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
+    """Measure the cases in this process; an `EachCase`."""
     for case in todo:
-        yield case, figure.body.measure_case(case, tell)
+        yield case, figure.body.measure_case(case, on_share)
 
 
 def measure(
@@ -222,11 +222,11 @@ def measure(
     on_progress: Callable[[float, int], None] = lambda _done, _of: None,
     each: EachCase = one_by_one,
 ) -> Path:
-    """The CSV in `folder` with all cases in it; goes on where an earlier measurement was stopped.
+    """Measure all missing cases of a figure into its CSV in `folder`, and return the CSV's path.
 
-    `on_progress` is told how many cases are done, and of how many.
+    `on_progress` receives the number of completed cases and the total.
 
-    Raises: UsageError: a CSV of another measurement, or so many seeds. Unavailable: the disk is full.
+    Raises: UsageError: a CSV of another measurement, or `seeds` is out of range. Unavailable: the disk is full.
     """
     figure.check({"seeds": seeds})
     body, path = figure.body, figure.csv(folder)
@@ -234,28 +234,28 @@ def measure(
     origin = body.origin() if hasattr(body, "origin") else {}
     done = 0
 
-    def tell(share: float) -> None:
+    def report(share: float) -> None:
         on_progress(done + share, len(cases))
 
     begin = Table(figure.name, {**origin, "version": version()}, body.COLUMNS)
     with TableFile(path, begin, getattr(body, "check", lambda _table: None)) as file:
         todo = [case for case in cases if case not in file.done]
         done = len(cases) - len(todo)
-        tell(0.0)
-        for case, measured in each(figure, todo, tell):
+        report(0.0)
+        for case, measured in each(figure, todo, report):
             file.append(case, *(measured if isinstance(measured, tuple) else (measured,)))
             done += 1
-            tell(0.0)
+            report(0.0)
     return path
 
 
 def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
-    """(table, length of the part that ends with a whole case). Raises: UsageError: it is none of ours."""
+    """Return the table and the length of the complete part. Raises: UsageError: not a CSV of a figure."""
     lines = data[: data.rfind(b"\n") + 1].split(b"\n")[:-1]
     try:
         table = _parse_head(lines, figure)
     except (ValueError, KeyError, IndexError, TypeError) as error:
-        raise UsageError(f"{path} is not a CSV of {figure or 'ours'}", ELSEWHERE) from error
+        raise UsageError(f"{path} is not a CSV of {figure or 'a figure'}", ELSEWHERE) from error
     at = whole = len(lines[0]) + len(lines[1]) + 2
     rows: list[list[str]] = []
     for number, line in enumerate(lines[2:], start=3):
@@ -269,7 +269,7 @@ def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
             else:
                 _end_case(table, text, rows)
         except (ValueError, TypeError) as error:
-            raise UsageError(f"line {number} of {path} is not one of ours", ELSEWHERE) from error
+            raise UsageError(f"line {number} of {path} is malformed", ELSEWHERE) from error
         if table.by_line:
             table.lines.append((number, rows.pop()))
         if not rows:
@@ -280,11 +280,11 @@ def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
 def _parse_head(lines: list[bytes], figure: str) -> Table:
     mark, program, name, origin = lines[0].decode().split(" ", 3)
     first, *others = lines[1].decode().split(",")
-    says = json.loads(origin)
-    if (mark, program) != ("#", "phalanx") or name != (figure or name) or not isinstance(says, dict):
+    settings = json.loads(origin)
+    if (mark, program) != ("#", "phalanx") or name != (figure or name) or not isinstance(settings, dict):
         raise ValueError(name)
     by_line = first != "case"
-    return Table(name, says, (first, *others) if by_line else tuple(others), by_line=by_line)
+    return Table(name, settings, (first, *others) if by_line else tuple(others), by_line=by_line)
 
 
 def _end_case(table: Table, text: str, rows: list[list[str]]) -> None:

@@ -1,6 +1,6 @@
-"""A world of arrays and ticks, and the door to it: `simulate` runs a scenario, and gives arrays.
+"""Array-based simulator of robot swarms; `simulate` runs a scenario and returns arrays.
 
-What is imported from here is loaded when it is first used: whoever only names scenarios does not wait for the rest.
+Names are imported on first use, so that reading scenarios does not load the simulator.
 """
 
 from typing import TYPE_CHECKING

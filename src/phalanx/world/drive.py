@@ -1,6 +1,6 @@
-"""How two driven wheels move a robot: one law for the demo's robots, protected or not, and for those on missions.
+"""Kinematics of a differential drive, for the demo's robots, protected or not, and for robots on missions.
 
-What walls do, and where a robot then is, is each world's own affair: their units and frames differ.
+Collisions with walls and frames of coordinates are left to each simulator, because their units and frames differ.
 """
 
 from __future__ import annotations
@@ -8,15 +8,15 @@ from __future__ import annotations
 from phalanx.kernel import kernel
 
 # The demo's robots.
-BODY_M = 0.04  # radius: how near to the wall the middle can come
+BODY_M = 0.04  # radius: least distance of the centre from a wall
 AXLE_M = 0.075
 TOP_SPEED_MPS = 0.3  # of a wheel at 100 %
 
 
 def turned(left: float, right: float, axle: float, dt_s: float) -> tuple[float, float]:
-    """(way ahead of the middle, radians from the left wheel's side to the right's) of a robot in `dt_s`.
+    """Return the distance driven by the centre and the turn to the right, in radians, during `dt_s`.
 
-    The wheels' speeds, numbers or arrays, and `axle`, from wheel to wheel, are of one unit of length.
+    The wheels' speeds (numbers or arrays) and `axle`, the distance between the wheels, use the same unit of length.
     Source: geometry of a differential drive.
     """
     return (left + right) / 2 * dt_s, (left - right) / axle * dt_s

@@ -1,4 +1,4 @@
-"""Signals that go elsewhere for a while."""
+"""Temporary signal handlers."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Handler = Callable[[int, FrameType | None], object] | signal.Handlers
 
 @contextlib.contextmanager
 def handled_by(handler: Handler, *numbers: signal.Signals) -> Iterator[bool]:
-    """While the body runs, these signals go to `handler`; afterwards to whom they went before.
+    """Send these signals to `handler` in the body of this context; restore the previous handlers afterwards.
 
-    False, and nothing changes, outside the main thread, which alone is sent signals.
+    Outside the main thread, which alone receives signals, this yields False and does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield False

@@ -1,1 +1,1 @@
-"""A world of bodies and a radio in real time, for robots that are processes."""
+"""Real-time world with bodies and a radio, for robots that run as processes."""

@@ -1,6 +1,6 @@
-"""A world for processes: bodies and a radio in real time or slower, for daemons with trusted processes of their own.
+"""Simulated world for robots that are processes: bodies and a radio, in real time or slower.
 
-Motors obey the trusted processes alone: a daemon that was taken over, or killed, cannot move its robot past them.
+A body's motors obey only its robot's trusted process: a daemon that is compromised or killed cannot move the robot.
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ OnStep = Callable[[Field], None]
 
 
 class Arena:
-    """Answers sensors, moves the bodies in `field`, carries packets, and reads what robots tell of themselves."""
+    """Server of the simulated bodies and radio: answers sensor requests, moves bodies, carries packets."""
 
     def __init__(self, scenario: Scenario, folder: Path, weather: RadioConditions, changes: Changes) -> None:
         keys = Keys.new("arena")
         if scenario.controller == WHEELS:
-            gateway, operator = (keys.public(who) for who in STATION.values())
+            gateway, operator = (keys.public(name) for name in STATION.values())
             scenario = replace(scenario, gateway_key=gateway, operator_key=operator)
         hostile = {each.robot: each.name for each in changes.on_air}
         self.field = Field(scenario, getattr(changes.make, "senses", None), hostile)
@@ -71,7 +71,7 @@ class Arena:
             (dice.randint(-weather.clock_ppm, weather.clock_ppm), dice.randint(1, POWER_UP_MS))
             for _ in range(scenario.robots)
         ]
-        # One more for a gateway, if there is somebody to obey it.
+        # One more for a gateway, if the robots obey one.
         ports = free_ports(scenario.robots + (scenario.controller == WHEELS))
         self._ether = SimulatedAir(
             self.field.world,
@@ -81,11 +81,11 @@ class Arena:
             self._is_silent,
             dice,
         )
-        # Of one's own attacks no file can tell: daemons are given them as they are forked.
-        told = tuple(each for each in scenario.drawn_attacks() if not each.own)
-        told_scenario = replace(scenario, attacks=told)
+        # A user's own attacks cannot be written to files: the daemons get them when they are forked.
+        in_files = tuple(each for each in scenario.drawn_attacks() if not each.own)
+        file_scenario = replace(scenario, attacks=in_files)
         self.places = write_arena_files(
-            told_scenario, folder, self._ether.port, ports, clocks, keys, changes, weather.speed
+            file_scenario, folder, self._ether.port, ports, clocks, keys, changes, weather.speed
         )
         self._ready = 0
         self._all_ready = asyncio.Event()
@@ -94,7 +94,7 @@ class Arena:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self, on_step: OnStep, recording: Recording | None, robots: Robots) -> None:
-        """Run the scenario once all robots are ready, then end them. Raises: Unavailable: one does not get ready."""
+        """Run the scenario once all robots are ready, then end them. Raises: Unavailable: one is not ready in time."""
         loop, n = asyncio.get_running_loop(), self.field.scenario.robots
         for i in range(n):
             self._spawn(self._sensors(i))
@@ -104,7 +104,7 @@ class Arena:
             until_s = loop.time() + READY_TIMEOUT_S
             while not self._all_ready.is_set():
                 if robots.ended() or loop.time() > until_s:
-                    raise Unavailable(f"{self._ready} of {n} robots became ready", "what one said is above")
+                    raise Unavailable(f"{self._ready} of {n} robots became ready", "see the error messages above")
                 await asyncio.sleep(TURN_S)
             self._spawn(self._poll_states())
             duration_s, next_step_s = self.field.scenario.duration_s, 0.0
@@ -130,7 +130,7 @@ class Arena:
             await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def close(self) -> None:
-        """Nobody can come any more."""
+        """Close all sockets."""
         self._ether.close()
         self.places.close()
 
@@ -145,49 +145,49 @@ class Arena:
 
     def look(self) -> None:
         """Read the state that each robot has published."""
-        self._hear(self._said())
+        self._record(self._read_states())
 
     async def _poll_states(self) -> None:
-        """The same, each second: a disk that is busy holds up a thread, and no robot's sensors."""
+        """Read the states once per second, in a thread: a busy disk then delays no sensor reading."""
         while True:
-            self._hear(await asyncio.to_thread(self._said))
+            self._record(await asyncio.to_thread(self._read_states))
             await asyncio.sleep(LOOK_S)
 
-    def _said(self) -> dict[int, dict[str, Any]]:
-        said = {}
+    def _read_states(self) -> dict[int, dict[str, Any]]:
+        states = {}
         for i, settings in enumerate(self.places.robots):
-            with contextlib.suppress(UsageError):  # it has told nothing yet
-                said[i] = told(settings.state_file)
-        return said
+            with contextlib.suppress(UsageError):  # no state published yet
+                states[i] = told(settings.state_file)
+        return states
 
-    def _hear(self, said: dict[int, dict[str, Any]]) -> None:
-        for i, state in said.items():
+    def _record(self, states: dict[int, dict[str, Any]]) -> None:
+        for i, state in states.items():
             self.field.record_state(i, state, (state["began_monotonic_s"] - self._began_s) * self._weather.speed)
 
     def _is_silent(self, i: int) -> bool:
-        """Return whether radio i is off; one that is taken over obeys no a-node, and a gateway's has none."""
+        """Return whether radio i is off. One under attack ignores its a-node, and a gateway's radio is always on."""
         is_robot = i < self.field.scenario.robots
         return is_robot and bool(self.field.world.safe[i]) and i + 1 not in self.on_air
 
     @property
     def _now_s(self) -> float:
-        """Of the field, since all were ready; robots that are still asked after its end find it as it was."""
+        """Return the field's time since all robots were ready, at most the scenario's duration."""
         passed_s = asyncio.get_running_loop().time() - self._began_s if self._began_s else 0.0
         return min(passed_s * self._weather.speed, self.field.scenario.duration_s)
 
     async def _sensors(self, i: int) -> None:
-        """One robot's daemon after the other reads its body's sensors."""
+        """Serve sensor readings of one body to its robot's daemon, and to the next daemon after a restart."""
         loop = asyncio.get_running_loop()
         while True:
             link, _ = await loop.sock_accept(self.places.sensors[i])
             with link:
-                while words := await _packet(link):
-                    if words == READY:
+                while request := await _packet(link):
+                    if request == READY:
                         await self._wait_for_all()
                         answer = GO
                     else:
                         self._catch_up()
-                        answer = self.field.sensed(i, int(words))
+                        answer = self.field.sensed(i, int(request))
                     with contextlib.suppress(OSError):
                         await loop.sock_sendall(link, answer)
 
@@ -199,7 +199,7 @@ class Arena:
         await self._all_ready.wait()
 
     async def _motors(self, i: int) -> None:
-        """One robot's trusted process after the other drives its body, which stands still when that ends."""
+        """Pass commands of one robot's trusted process to its body; stop the body when the process ends."""
         loop = asyncio.get_running_loop()
         while True:
             link, _ = await loop.sock_accept(self.places.wheels[i])
@@ -217,7 +217,7 @@ class Arena:
 
 
 async def _packet(link: socket.socket) -> bytes:
-    """The next packet; b"" when nobody is there any more."""
+    """Receive the next packet; return b"" when the peer has closed."""
     link.setblocking(False)
     try:
         return await asyncio.get_running_loop().sock_recv(link, PACKET_BYTES)
@@ -229,38 +229,38 @@ async def _packet(link: socket.socket) -> bytes:
 
 
 class Robots:
-    """Runs a process for each robot of an arena, as a context; `failed` says how one ended before it was told to.
+    """Processes of an arena's robots, as a context manager; `failed` has the cause by robot for early ends.
 
-    They are forked, so that code and data are in memory once: nothing else of this process may have threads.
+    The processes are forked to share code and data in memory, so this process must have no other threads.
     """
 
     def __init__(self, arena: Arena) -> None:
         self._arena = arena
-        self._living: dict[int, int] = {}  # the robot of each process
+        self._running: dict[int, int] = {}  # pid: robot
         self.failed: dict[int, str] = {}
 
     def __enter__(self) -> Self:
-        self._living = {_forked(each, self._arena): each.said.robot for each in self._arena.places.robots}
+        self._running = {_fork(each, self._arena): each.said.robot for each in self._arena.places.robots}
         return self
 
     def end(self) -> None:
-        """They are told to end."""
-        for pid in self._living:
-            os.kill(pid, signal.SIGTERM)  # it is ours until `ended` has seen it
+        """Ask all processes to end."""
+        for pid in self._running:
+            os.kill(pid, signal.SIGTERM)  # the pid stays ours until `ended` reaps it
 
     def ended(self) -> bool:
-        """Return whether one of them has ended."""
-        gone = {pid: status for pid in self._living for found, status in [os.waitpid(pid, os.WNOHANG)] if found}
+        """Reap ended processes, and return whether there were any."""
+        gone = {pid: status for pid in self._running for found, status in [os.waitpid(pid, os.WNOHANG)] if found}
         for pid, status in gone.items():
-            self.failed[self._living.pop(pid)] = _how_ended(os.waitstatus_to_exitcode(status))
+            self.failed[self._running.pop(pid)] = _how_ended(os.waitstatus_to_exitcode(status))
         return bool(gone)
 
     def __exit__(self, *_error: object) -> None:
         self.end()
         until_s = time.monotonic() + END_TIMEOUT_S
-        while self._living:
+        while self._running:
             if time.monotonic() > until_s:
-                for pid in self._living:
+                for pid in self._running:
                     os.kill(pid, signal.SIGKILL)
             time.sleep(0.01)
             self.ended()
@@ -269,17 +269,17 @@ class Robots:
 def _how_ended(code: int) -> str:
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
-    return "ended by a mistake, told above" if code else "ended, as somebody told it to"
+    return "ended with an error, see above" if code else "ended on request"
 
 
-def _forked(settings: RobotSettings, arena: Arena) -> int:
+def _fork(settings: RobotSettings, arena: Arena) -> int:
     parent = os.getpid()
     pid = os.fork()
     if pid:
         return pid
     code = 1
     try:
-        os.setsid()  # Ctrl-C is for the arena
+        os.setsid()  # Ctrl-C goes to the arena only
         arena.close()
         die_with_parent()
         if os.getppid() == parent:
@@ -289,7 +289,7 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         code = 0
     except PhalanxError as error:
         sys.stderr.write(f"phalanx: error: robot {settings.said.robot}: {error}\n")
-    except BaseException as error:  # noqa: BLE001 - nothing of a child may go on in the parent's place
+    except BaseException as error:  # noqa: BLE001 - a child must never return into the parent's code
         sys.stderr.write(f"phalanx: error: robot {settings.said.robot}: {type(error).__name__}: {error}\n")
     finally:
         sys.stderr.flush()
@@ -305,20 +305,20 @@ async def _wait_for_end(settings: RobotSettings, arena: Arena) -> None:
 
 
 def _check(scenario: Scenario, weather: RadioConditions) -> None:
-    """Refuse what no arena plays. Raises: UsageError."""
+    """Check that an arena can play the scenario. Raises: UsageError."""
     for_robots(scenario)
     if scenario.robots > MOST_ROBOTS:
-        raise UsageError(f"{scenario.robots} robots", f"at most {MOST_ROBOTS}: each is two processes")
+        raise UsageError(f"{scenario.robots} robots", f"use at most {MOST_ROBOTS}: each robot needs two processes")
     if scenario.defence != "hardened":
-        raise UsageError(f"defence is {scenario.defence}", "hardened: processes have no other nodes")
+        raise UsageError(f"defence is {scenario.defence}", "use hardened: robot processes have no other trusted nodes")
     if weather.speed < 1 and scenario.controller == WHEELS:
-        raise UsageError("an arena slower than real time, for robots that obey orders", "their gateway's clock is true")
+        raise UsageError("an arena slower than real time with a gateway", "use speed 1: a gateway's clock is real time")
     if weather.cut >= scenario.robots:
-        raise UsageError(f"a cut behind robot {weather.cut}, of {scenario.robots}", "fewer: somebody is to be left")
+        raise UsageError(f"a cut after robot {weather.cut} of {scenario.robots}", "use less: both sides need robots")
 
 
 def _set_realtime_priority() -> None:
-    """Ask for real-time priority: on a busy processor honest robots would be late and look compromised."""
+    """Request real-time priority: on a busy processor honest robots would answer late and look compromised."""
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
     except PermissionError:
@@ -334,7 +334,7 @@ def play_in_arena(
     recording: Recording | None,
     changes: Changes,
 ) -> Field:
-    """Return the field at the scenario's end. Raises: UsageError: no nodes, or it cannot be played; Unavailable."""
+    """Run the scenario, and return the field at its end. Raises: UsageError: it cannot be played; Unavailable."""
     _check(scenario, weather)
     scenario = with_room_for_seals(scenario) if changes.sealed else scenario
     planner = None if is_far(changes.planner) else find_planner(changes.planner or None)
@@ -342,12 +342,12 @@ def play_in_arena(
         check_adviser(scenario, is_far=is_far(changes.planner))
     program()
     arena = Arena(scenario, folder, weather, changes)
-    log.warning("trusted nodes are processes, which protect from nobody here")
+    log.warning("trusted nodes run as processes of this user: no protection against an attacker on this machine")
     try:
         _set_realtime_priority()
         gc.collect()
-        gc.freeze()  # nor is what all share looked through by each
-        # Before there is an event loop: a child has its own.
+        gc.freeze()  # keeps the children's collectors from copying shared memory
+        # Before the event loop starts: each child runs its own.
         with Robots(arena) as robots:
             asyncio.run(arena.run(on_step, recording, robots))
         arena.look()

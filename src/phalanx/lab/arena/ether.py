@@ -1,7 +1,7 @@
-"""A radio in real time between processes: each speaks UDP to one port, which passes on what those in range would hear.
+"""Real-time radio between processes: each sends UDP to one port, which forwards the packets to robots in range.
 
-It loses, delays and repeats: packets overtake each other. What is for one robot is tried again as Wi-Fi does it; what
-is for all is said once. Source: docs/guides/robot.md.
+The radio loses, delays, reorders and repeats packets. Unicast packets are retried as in Wi-Fi; broadcasts are sent
+once. Source: docs/guides/robot.md.
 """
 
 from __future__ import annotations
@@ -42,23 +42,23 @@ BUFFER_BYTES = 1 << 22
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadioConditions:
-    """Loss and delay of packets, and drift of clocks, beside the scenario's loss. Raises: UsageError: out of range."""
+    """Loss, delay and repetition of packets, and clock drift. Raises: UsageError: a value is out of range."""
 
     repeats: float = within(0.0, 0.0, 0.9, "share of packets that arrive twice")
-    delay_ms: float = within(5.0, 0.0, 10_000.0, "each packet is late by up to so much, so that one overtakes another")
-    cut: int = within(0, 0, 65_535, "so many robots, the first, and the others do not hear each other; 0: all do")
-    cut_at_s: float = within(10.0, 0.0, 1e9, "from then on")
-    clock_ppm: int = within(0, 0, 1000, "trusted processes' clocks are fast or slow by up to so much")
-    speed: float = within(1.0, 0.05, 1.0, "all clocks and bodies run at so much of real time")
+    delay_ms: float = within(5.0, 0.0, 10_000.0, "largest delay of a packet; packets may overtake each other")
+    cut: int = within(0, 0, 65_535, "number of robots, the first ones, that are cut off from the others; 0: no cut")
+    cut_at_s: float = within(10.0, 0.0, 1e9, "time from which the cut holds")
+    clock_ppm: int = within(0, 0, 1000, "largest drift of the trusted processes' clocks")
+    speed: float = within(1.0, 0.05, 1.0, "speed of all clocks and bodies, relative to real time")
 
     def __post_init__(self) -> None:
         check_limits(self)
 
 
 class SimulatedAir:
-    """The air at a `port` of this machine, in a world whose counts of packets grow.
+    """Simulated radio at a UDP `port` of this machine, which counts packets in the world's statistics.
 
-    The last of `ports` may be a gateway's, in range of all; `is_silent` tells whether a robot's radio is off, by index.
+    The last of `ports` may belong to a gateway, in range of all. `is_silent(index)` returns True if a radio is off.
     """
 
     def __init__(
@@ -81,19 +81,19 @@ class SimulatedAir:
         self.port = int(self._socket.getsockname()[1])
 
     async def carry(self) -> None:
-        """Carry packets until this is cancelled."""
+        """Forward packets until this task is cancelled."""
         loop = asyncio.get_running_loop()
-        loop.add_reader(self._socket, self._hear)
+        loop.add_reader(self._socket, self._receive)
         try:
             await loop.create_future()
         finally:
             loop.remove_reader(self._socket)
 
     def close(self) -> None:
-        """Nobody is heard any more."""
+        """Close the port."""
         self._socket.close()
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         for _ in range(AT_ONCE):
             try:
                 packet, where = self._socket.recvfrom(PACKET_MAX + 1)
@@ -101,9 +101,9 @@ class SimulatedAir:
                 return
             i = self._index.get(where, -1)
             if i >= 0 and 0 < len(packet) <= PACKET_MAX and not self._is_silent(i):
-                self._say(i, packet)
+                self._send(i, packet)
 
-    def _say(self, i: int, packet: bytes) -> None:
+    def _send(self, i: int, packet: bytes) -> None:
         if i == self._robots:
             self._carry_order(packet)
             return
@@ -119,23 +119,23 @@ class SimulatedAir:
             near = [j for j in near if j == dst - 1]
             tries = next((k for k in range(1, self._config.tries) if self._dice.random() >= lost), self._config.tries)
             kind, took_us = AUDIT_UNICAST, tries * took_us
-            # Only the last try may fail as well.
+            # Packets that arrive before the last attempt always arrive; only the last attempt may be lost.
             lost = lost if tries == self._config.tries else 0.0
         else:
             kind = AUDIT_BROADCAST if is_audit else APP_BROADCAST
-        told = counts[kind]
-        told[SENT] += 1
-        told[BYTES] += len(packet)
-        told[AIRTIME_US] += took_us
-        told[DUE] += 1 if dst else len(near)
+        count = counts[kind]
+        count[SENT] += 1
+        count[BYTES] += len(packet)
+        count[AIRTIME_US] += took_us
+        count[DUE] += 1 if dst else len(near)
         for j in near:
             if self._dice.random() >= lost:
-                told[ARRIVED] += 1
+                count[ARRIVED] += 1
                 for _ in range(1 + (self._dice.random() < self._weather.repeats)):
                     self._put(j, packet)
 
     def _carry_order(self, packet: bytes) -> None:
-        """A station's, which no count of robots' packets has in it; nor is it tried again."""
+        """Forward a gateway's order; it is not retried, and not counted among the robots' packets."""
         to = get_u16(row(packet), AT_ID) if len(packet) > AT_ID + 1 else 0
         for j in range(self._robots) if to == EVERYBODY else [to - 1]:
             if j < self._robots and self._dice.random() >= self._config.loss:
@@ -147,5 +147,5 @@ class SimulatedAir:
 
     def _deliver(self, to: int, packet: bytes) -> None:
         if not self._is_silent(to):
-            with contextlib.suppress(OSError):  # no room, or nobody there: lost
+            with contextlib.suppress(OSError):  # buffer full, or no receiver: lost
                 self._socket.sendto(packet, (LOOPBACK, self._ports[to]))

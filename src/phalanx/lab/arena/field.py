@@ -1,6 +1,6 @@
-"""Bodies in real time, whose robots are processes elsewhere: the simulator's world, moved by a clock on the wall.
+"""Simulated bodies in real time, for robots that run as separate processes.
 
-It is summed up and recorded as a simulated run is.
+The summary and the recording are the same as for a simulated run.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from phalanx.wire.fields import row
 from phalanx.world.audited import body, loop
 from phalanx.world.scenarios.run import Run
 
-STOP = b"\0"  # what motors are told by trusted nodes; commands begin with another byte
+STOP = b"\0"  # stop command of the trusted nodes to the motors; drive commands begin with another byte
 
 
 class Field(Run):
-    """A scenario whose robots are elsewhere; `failed` says how and when a process ended, by id, before its time."""
+    """Run of a scenario whose robots are separate processes; `failed` has cause and time of early ends, by robot id."""
 
     has_station = True
 
@@ -35,11 +35,11 @@ class Field(Run):
         self._drawn = scenario.drawn_attacks()
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
-        self._on_air = on_air  # robots whose radios rehearse attacks are none of the correct
+        self._on_air = on_air  # attack by robot; these do not count as correct
         self.failed: dict[int, tuple[str, float]] = {}
 
     def advance(self, until_s: float) -> None:
-        """The bodies are where they are by now; called each 50 ms or so."""
+        """Move the bodies to their positions at this time; call every 50 ms or so."""
         clock = self.world.clock[0]
         clock.now_us = max(round(until_s * 1e6), int(clock.now_us))
         loop.move(self.world)
@@ -58,12 +58,12 @@ class Field(Run):
         return reading
 
     def _lies(self, i: int) -> bool:
-        """Return whether robot i is to lie by now."""
+        """Return whether robot i must report false readings now."""
         spec = next((each for each in self._drawn if each.robot == i + 1), None)
         return spec is not None and spec.at_s <= self.now_s < (math.inf if spec.until_s is None else spec.until_s)
 
     def drive(self, i: int, command: bytes) -> None:
-        """Robot i's trusted nodes tell its motors something."""
+        """Execute a command of robot i's trusted nodes to its motors."""
         if command == STOP:
             if self._moving[i]:
                 self.stand(i)
@@ -74,19 +74,19 @@ class Field(Run):
         body.actuate(self.world, i, row(command), len(command))
 
     def stand(self, i: int) -> None:
-        """Robot i's motors stand still, as nobody whom they obey tells them anything else."""
+        """Stop robot i's motors, because its trusted nodes sent a stop or have gone."""
         self._moving[i] = False
         self.world.safe[i] = 1
         self.world.safe_us[i] = self.world.clock[0].now_us
         body.halt(self.world, i)
 
     def cut(self, first: int) -> None:
-        """From now on the first so many robots and the others do not hear each other."""
+        """Block packets between the first `first` robots and the others from now on."""
         self.world.reach.aisle[:first] = 1
         self.world.reach.aisle[first:] = 2
 
     def record_state(self, i: int, state: Mapping[str, Any], began_s: float) -> None:
-        """Robot i has told of itself (state.py); `began_s`: when its mission began, of the field's time."""
+        """Store the state that robot i published (state.py); `began_s` is its mission's start in the field's time."""
         self._states[i] = {**state, "began_s": began_s}
         self.world.fleet.robot[i].log_max = state["log_bytes_max"]
         liar = self.robots.get(i)
@@ -95,34 +95,34 @@ class Field(Run):
             liar.first_deviation_ms = boot_ms + round(1000 * (began_s + state["first_deviation_s"]))
 
     def shields(self) -> list[list[tuple[int, float]]]:
-        """See `Run`; as robots told last."""
-        told = [self._states.get(i) for i in range(len(self.ids))]
+        """See `Run`; from the states that the robots published last."""
+        states = [self._states.get(i) for i in range(len(self.ids))]
         return [
             [(each["auditor"], each["left_s"]) for each in state["tokens"]] if state and not state["safe_mode"] else []
-            for state in told
+            for state in states
         ]
 
     def new_verdicts(self) -> list[tuple[float, int, int, Refusal]]:
-        """See `Run`; robots keep theirs to themselves."""
+        """Return no verdicts, because robot processes do not publish theirs; see `Run`."""
         return []
 
     def summary(self) -> dict[str, Any]:
-        """See `Run`. In real time no run is like another, so it has no digest."""
-        said = super().summary() | {"digest": None, "processes": [self._process(i) for i in range(len(self.ids))]}
-        # It has no goal, and its bodies none of the sizes by which contacts count.
+        """See `Run`. Real-time runs differ, so there is no digest."""
+        summary = super().summary() | {"digest": None, "processes": [self._process(i) for i in range(len(self.ids))]}
+        # Wheeled robots have no goal, and their bodies none of the sizes that define contacts.
         if self.scenario.controller == WHEELS:
-            said |= {"contacts": None, "mean_distance_to_goal_m": None, "distance_series": []}
+            summary |= {"contacts": None, "mean_distance_to_goal_m": None, "distance_series": []}
         for name in ("correct_in_safe_mode", "without_quorum"):
-            said[name] = [each for each in said[name] if each not in self._on_air]
-        said["on_air"] = []
+            summary[name] = [each for each in summary[name] if each not in self._on_air]
+        summary["on_air"] = []
         for rob_id, name in sorted(self._on_air.items()):
             safe_us = int(self.world.safe_us[rob_id - 1])
             ended = None if safe_us < 0 else safe_us / 1e6
-            said["on_air"].append({"robot": rob_id, "attack": name, "safe_mode_s": ended})
-        return said
+            summary["on_air"].append({"robot": rob_id, "attack": name, "safe_mode_s": ended})
+        return summary
 
     def fail(self, rob_id: int, how: str, at_s: float) -> None:
-        """Note that the process of a robot has ended too early: it is none of the correct any more."""
+        """Record that the process of a robot ended too early; from then on it does not count as correct."""
         if rob_id not in self.failed:
             self.failed[rob_id] = how, at_s
             self._gone[rob_id - 1] = True
@@ -135,8 +135,8 @@ class Field(Run):
 
     def _process(self, i: int) -> dict[str, Any]:
         how, at_s = self.failed.get(i + 1, (None, None))
-        told, failed = self._states.get(i), {"failed_s": at_s, "failed": how}
-        if told is None:
+        state, failed = self._states.get(i), {"failed_s": at_s, "failed": how}
+        if state is None:
             return {"robot": i + 1} | failed
         names = (
             "pid",
@@ -151,4 +151,4 @@ class Field(Run):
             "memory_kb",
             "memory_began_kb",
         )
-        return {"robot": i + 1} | failed | {name: told[name] for name in names}
+        return {"robot": i + 1} | failed | {name: state[name] for name in names}

@@ -23,14 +23,14 @@ from phalanx.scenarios.file import written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
 
-STATION = {"gateway": "orders", "operator": "stops"}  # what each signs
+STATION = {"gateway": "orders", "operator": "stops"}  # role: key that it signs with
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Changes:
-    """Replaces the mission's controller, planner and attacks, and says how robots speak.
+    """Replacements for the mission's controller, planner and attacks, and the form of the robots' packets.
 
-    `controller` and `planner` are as robots' files name them, `attacks` as commands do; "" names no file of one's own.
+    `controller` and `planner` are names as in a robot's file, `attacks` as on the command line; "" keeps the mission's.
     """
 
     make: MakeController | None
@@ -43,14 +43,14 @@ class Changes:
 
 @dataclass(slots=True)
 class Places:
-    """Files of an arena's robots, and the sockets of their bodies, in the order of their ids."""
+    """Robots' settings and the sockets of their bodies, in order of robot id."""
 
     robots: list[RobotSettings] = field(default_factory=list)
     sensors: list[socket.socket] = field(default_factory=list)
     wheels: list[socket.socket] = field(default_factory=list)
 
     def close(self) -> None:
-        """Nobody can come any more."""
+        """Close the sockets."""
         for each in (*self.sensors, *self.wheels):
             each.close()
 
@@ -65,7 +65,7 @@ def write_arena_files(
     changes: Changes,
     speed: float,
 ) -> Places:
-    """Write robots' keys and files, open their bodies' sockets; also a gateway's, with a port. Raises: Unavailable."""
+    """Write keys and settings of robots, and of a gateway if it has a port; open sockets. Raises: Unavailable."""
     today, air = time.strftime("%Y-%m-%d"), f"{LOOPBACK}:{air_port}"
     places = Places()
     write_private(folder / "mission.yaml", json.dumps(written_scenario(scenario), indent=1).encode())
@@ -73,8 +73,8 @@ def write_arena_files(
     for rob_id in ids:
         board = BOARD.encode(id=rob_id, master=keys.provision(rob_id, today))
         write_private(folder / f"board-{rob_id}.bin", board)
-        places.sensors.append(_listens(sense_path(folder, rob_id)))
-        places.wheels.append(_listens(wheels_path(folder, rob_id)))
+        places.sensors.append(_listen(sense_path(folder, rob_id)))
+        places.wheels.append(_listen(wheels_path(folder, rob_id)))
     with_station = len(ports) > scenario.robots
     gateway_id = scenario.robots + 1
     if with_station:
@@ -86,7 +86,7 @@ def write_arena_files(
     strangers = {each.robot for each in changes.on_air if each.name == "foreign-key"}
     packets = "sealed" if changes.sealed else "plain"
     for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):
-        said = {
+        settings = {
             "robot": rob_id,
             "mission": "mission.yaml",
             "key": "foreign-key.json" if rob_id in strangers else "key.json",
@@ -102,36 +102,36 @@ def write_arena_files(
             "clock_speed": speed,
         }
         path = folder / f"robot-{rob_id}.yaml"
-        write_private(path, json.dumps(said, indent=1).encode())
+        write_private(path, json.dumps(settings, indent=1).encode())
         places.robots.append(read_robot(path))
     if with_station:
         here, at = f"{LOOPBACK}:{ports[-1]}", [{"robot": rob_id, "at": air} for rob_id in ids]
         nodes = {"trusted": "process:gateway.flash", "number": gateway_id, "board": "gateway.bin", "packets": packets}
-        said = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at, **nodes}
-        for role, who in STATION.items():
-            write_private(folder / f"{role}.pem", pem(keys.signer(who)))
-            said[role] = f"{role}.pem"
-        write_private(folder / "swarm.yaml", json.dumps(said, indent=1).encode())
+        settings = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at, **nodes}
+        for role, key_name in STATION.items():
+            write_private(folder / f"{role}.pem", pem(keys.signer(key_name)))
+            settings[role] = f"{role}.pem"
+        write_private(folder / "swarm.yaml", json.dumps(settings, indent=1).encode())
     return places
 
 
-def _listens(path: Path) -> socket.socket:
-    made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+def _listen(path: Path) -> socket.socket:
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     try:
-        made.bind(str(path))
+        listener.bind(str(path))
     except OSError as error:
-        made.close()
+        listener.close()
         why = error.strerror or error
-        raise Unavailable(f"cannot listen at {path}: {why}", "another folder, of a short name") from error
-    made.listen(4)
-    made.setblocking(False)
-    return made
+        raise Unavailable(f"cannot listen at {path}: {why}", "use a folder with a shorter path") from error
+    listener.listen(4)
+    listener.setblocking(False)
+    return listener
 
 
 def free_ports(n: int) -> list[int]:
-    """So many UDP ports of this machine's that are free just now."""
+    """Return that many UDP ports that are free on this machine at present."""
     with contextlib.ExitStack() as stack:
-        made = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(n)]
-        for each in made:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(n)]
+        for each in sockets:
             each.bind((LOOPBACK, 0))
-        return [int(each.getsockname()[1]) for each in made]
+        return [int(each.getsockname()[1]) for each in sockets]

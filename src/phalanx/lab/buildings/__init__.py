@@ -1,1 +1,1 @@
-"""Buildings that chance draws."""
+"""Randomly generated buildings."""

@@ -1,7 +1,7 @@
-"""Draw buildings by chance: what holds in our own plans may not hold in one that nobody thought of.
+"""Generate random buildings, which test assumptions that hold only in the built-in floor plans.
 
-`drawn:7` is of a kind that the seed decides, `drawn:flat:7` of this one. A name is always the same building. All of it
-can be reached from where robots begin, through gaps of 0.8 m and more.
+`drawn:7` is a building of a kind chosen by the seed, `drawn:flat:7` one of the given kind. The same name always gives
+the same building. All of it can be reached from the start pose, through gaps of at least 0.8 m.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from .bricks import Box, Door, Site
 
 PREFIX = "drawn:"
 SEED_MAX = 10**9
-# Beyond the last rack a robot gets past.
+# Width of the passage beyond the last rack.
 WAY_ROUND_M = 1.2
-# As many buildings stand askew in their map.
+# Share of the buildings that are rotated in their map.
 TURNED = 0.25
 _NAME = re.compile(r"drawn:(?:([a-z]+):)?(\d{1,10})")
 
 
 def drawn(name: str) -> FloorPlan:
-    """The floor plan of this name, `drawn:SEED` or `drawn:KIND:SEED`. Raises: UsageError: there is none."""
+    """Return the floor plan named `drawn:SEED` or `drawn:KIND:SEED`. Raises: UsageError: there is none."""
     match = _NAME.fullmatch(name)
     if match is None or int(match[2]) > SEED_MAX:
         near = did_you_mean(name.partition(":")[2].partition(":")[0], KINDS)
-        hint = f"{near}{PREFIX}SEED, or {PREFIX}KIND:SEED: {', '.join(KINDS)}"
+        hint = f"{near}use {PREFIX}SEED, or {PREFIX}KIND:SEED: {', '.join(KINDS)}"
         raise UsageError(f"no building is called {name!r}", hint)
     seed = int(match[2])
     kind = match[1] or tuple(KINDS)[seed % len(KINDS)]
     if kind not in KINDS:
         raise UsageError(f"no kind of building is called {kind!r}", f"{did_you_mean(kind, KINDS)}{', '.join(KINDS)}")
-    random = Random(f"{kind}:{seed}")  # noqa: S311  # of a drawing, not of a key
+    random = Random(f"{kind}:{seed}")  # noqa: S311  # for a floor plan, not for a key
     site = KINDS[kind](random)
     return _plan(f"{PREFIX}{kind}:{seed}", site, random.uniform(-0.8, 0.8) if random.random() < TURNED else 0.0)
 
@@ -60,14 +60,14 @@ def _plan(name: str, site: Site, turn_rad: float) -> FloorPlan:
 
 
 def _office(random: Random) -> Site:
-    """Rooms of different sizes on both sides of a corridor."""
+    """Draw rooms of different sizes on both sides of a corridor."""
     site = _site(random, (16, 30), (10, 18))
     _rooms_along(site, site.width_m)
     return site
 
 
 def _mirror(random: Random) -> Site:
-    """An office whose right half is the mirror image of its left one."""
+    """Draw an office whose right half mirrors its left half."""
     site = _site(random, (18, 28), (10, 16))
     _rooms_along(site, site.width_m / 2)
     width = site.width_m
@@ -77,7 +77,7 @@ def _mirror(random: Random) -> Site:
 
 
 def _rooms_along(site: Site, until_m: float) -> None:
-    """Rooms on both sides of a corridor from the left to `until_m`, furnished."""
+    """Draw furnished rooms on both sides of a corridor from the left edge to `until_m`."""
     wide = site.between(1.6, 2.8)
     below = round(site.between(0.4, 0.6) * site.height_m - wide / 2, 3)
     above = round(below + wide, 3)
@@ -98,7 +98,7 @@ def _rooms_along(site: Site, until_m: float) -> None:
 
 
 def _alike(random: Random) -> Site:
-    """A corridor with rooms that are all alike, down to where their furniture stands."""
+    """Draw a corridor with identical rooms, including the furniture."""
     count = random.randint(4, 7)
     room_m, deep, wide = (round(random.uniform(*limits), 3) for limits in ((3, 4.5), (3, 5), (1.6, 2.6)))
     site = Site(round(count * room_m, 3), round(2 * deep + wide, 3), random, random.choice((0.0, 0.12, 0.2)))
@@ -127,7 +127,7 @@ def _alike(random: Random) -> Site:
 
 
 def _flat(random: Random) -> Site:
-    """A small flat, full of furniture, with narrow doors."""
+    """Draw a small flat, full of furniture, with narrow doors."""
     site = _site(random, (7.5, 13), (6.5, 11))
     waiting = [Box(0.0, 0.0, site.width_m, site.height_m)]
     while waiting:
@@ -142,23 +142,23 @@ def _flat(random: Random) -> Site:
 
 
 def _halved(site: Site, box: Box) -> list[Box]:
-    """Both parts of a space that a wall with a door divides; none where it would stand before another door."""
-    lies = box.y1 - box.y0 > box.x1 - box.x0  # the wall, along the x axis
-    low, high = (box.y0, box.y1) if lies else (box.x0, box.x1)
+    """Divide a space by a wall with a door, and return both parts; return none if the wall would block another door."""
+    horizontal = box.y1 - box.y0 > box.x1 - box.x0  # direction of the wall
+    low, high = (box.y0, box.y1) if horizontal else (box.x0, box.x1)
     for _ in range(8):
         at = site.between(low + 0.35 * (high - low), low + 0.65 * (high - low))
-        wall = Box(box.x0, at, box.x1, at) if lies else Box(at, box.y0, at, box.y1)
+        wall = Box(box.x0, at, box.x1, at) if horizontal else Box(at, box.y0, at, box.y1)
         if all(wall.away_m(clear) > site.thick_m for clear in site.clear) and min(at - low, high - at) > 2.0:
-            door = site.door(*((box.x0, box.x1) if lies else (box.y0, box.y1)), 0.8, 1.3)
+            door = site.door(*((box.x0, box.x1) if horizontal else (box.y0, box.y1)), 0.8, 1.3)
             site.wall((wall.x0, wall.y0), (wall.x1, wall.y1), door)
-            if lies:
+            if horizontal:
                 return [Box(box.x0, box.y0, box.x1, at), Box(box.x0, at, box.x1, box.y1)]
             return [Box(box.x0, box.y0, at, box.y1), Box(at, box.y0, box.x1, box.y1)]
     return []
 
 
 def _one_room_or_two(site: Site, two: float) -> None:
-    """All of a building as one room, or with that chance a wall and a door across it."""
+    """Use the whole building as one room, or with probability `two` divide it by a wall with a door."""
     ends = [0.0, site.width_m]
     if site.chance(two):
         ends.insert(1, site.between(0.4 * site.width_m, 0.6 * site.width_m))
@@ -167,7 +167,7 @@ def _one_room_or_two(site: Site, two: float) -> None:
 
 
 def _pillars(random: Random) -> Site:
-    """A hall with rows of square pillars, and perhaps a wall across it."""
+    """Draw a hall with rows of square pillars, sometimes divided by a wall."""
     site = _site(random, (13, 26), (9, 18))
     edge, step, first = site.between(0.3, 0.9), site.between(2.2, 5.0), site.between(1.5, 3.0)
     _one_room_or_two(site, 0.5)
@@ -180,7 +180,7 @@ def _pillars(random: Random) -> Site:
 
 
 def _racks(random: Random) -> Site:
-    """A hall with rows of racks, an aisle between each two, and a cross aisle."""
+    """Draw a hall with rows of racks, an aisle between rows, and a cross aisle."""
     site = _site(random, (14, 26), (10, 18))
     deep, aisle, end = site.between(0.6, 1.3), site.between(1.6, 3.0), site.between(1.8, 3.2)
     cross, parts = site.between(1.8, 3.0), random.randint(1, 2)
@@ -199,7 +199,7 @@ def _racks(random: Random) -> Site:
 
 
 def _corridor(random: Random) -> Site:
-    """Long corridors around corners, without landmarks but at their ends, where a room is behind a door."""
+    """Draw long corridors with corners, with landmarks only at the ends, where each leads through a door to a room."""
     wide, thick = round(random.uniform(1.5, 2.4), 3), random.choice((0.1, 0.2, 0.3))
     across, up = round(random.uniform(10, 20), 3), round(random.uniform(7, 14), 3)
     room_m = [round(random.uniform(3.0, 5.5), 3) for _ in range(4)]
@@ -230,7 +230,7 @@ def _corridor(random: Random) -> Site:
 
 
 def _clutter(random: Random) -> Site:
-    """One or two rooms full of things that stand askew."""
+    """Draw one or two rooms full of rotated boxes."""
     site = _site(random, (9, 17), (8, 13))
     _one_room_or_two(site, 0.6)
     for room in site.rooms:

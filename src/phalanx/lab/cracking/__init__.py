@@ -1,1 +1,1 @@
-"""Captured missions, read by brute force."""
+"""Brute-force attacks on captured missions."""

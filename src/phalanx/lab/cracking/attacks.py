@@ -1,4 +1,4 @@
-"""The attacks that guess a captured mission, for the registry: what carries them out is loaded when it is needed."""
+"""Registry entries of the attacks that guess a captured mission; their code is imported on demand."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ _guess = partial(_of, scene="file", against="secrecy")
 # fmt: off
 _GUESSES = (
     _guess("guess-graph", "GuessGraph", LIMITED, READ, 1,
-           does="tries every place in an area of 40 m x 40 m against a captured mission and its start key",
-           stopped_by="in `hardened` each try is an scrypt, which limits how fast; `paper` is a commitment and "
-                      "hides no place"),
+           does="tries every position in an area of 40 m x 40 m against a captured mission and its start key",
+           stopped_by="in `hardened` each try needs an scrypt, which limits the rate; `paper` is a commitment and "
+                      "hides no position"),
     _guess("guess-plan", "GuessPlan", BITES, READ, 1,
-           does="tries what the building's floor plan shows against a captured mission and its start key",
-           stopped_by="nothing: a floor plan shows all places; what it does not show is a token or a message. A "
-                      "start key that was not captured keeps payloads shut, and hides no place"),
+           does="tries the landmarks of the building's floor plan against a captured mission and its start key",
+           stopped_by="nothing: a floor plan shows all landmarks, but no token or message. A start key that was "
+                      "not captured keeps payloads secret, but hides no position"),
     _guess("guess-gate", "GuessGate", by_defence("bites", "bites", "harmless"), READ, 1,
-           does="tries to read a captured mission without its start key, with gates that it draws",
-           stopped_by="in `hardened` 2^256 gates stand before the first payload, but who matches the file's graph "
-                      "with a floor plan needs none for the places; `paper` has no start key"),
+           does="tries to read a captured mission without its start key, with random gate secrets",
+           stopped_by="in `hardened` the first payload has 2^256 possible gate secrets, but matching the file's "
+                      "graph with a floor plan reveals the positions; `paper` has no start key"),
     _guess("guess-token", "GuessToken", by_defence("bites", "harmless", "harmless"), READ, 1,
-           does="tries random tokens against the node of a captured mission whose place it knows, with all "
-                "that leads there",
-           stopped_by="128 random bits in a code on the wall are on no floor plan, in either profile"),
+           does="tries random tokens against the node of a captured mission whose position and predecessors it "
+                "knows",
+           stopped_by="the code on the wall has 128 random bits, which no floor plan shows, in either profile"),
 )
 # fmt: on
 ATTACKS = {attack.name: attack for attack in _GUESSES}

@@ -1,6 +1,6 @@
-"""The brute force of a captured graph, really run: by somebody who has the file, and a floor plan or only its size.
+"""Brute-force attack on a captured mission graph, with a floor plan or only the size of the area.
 
-Each generator yields after every batch, so that the caller decides how long to go on; nothing here reads a clock.
+Each generator yields after every batch, so that the caller can stop at any time. This module reads no clock.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ BATCH = 1 << 16  # cells of one batch of fast hashes
 KDF_BATCH = 64
 Box = tuple[float, float, float, float]
 Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-_Held = tuple[int, Gate, Before | None]  # a node, its gate, and what the node before tells
+_Held = tuple[int, Gate, Before | None]  # a node, its gate, and knowledge from its predecessor
 
 
 @dataclass(frozen=True, slots=True)
 class GuessedNode:
-    """A node that was guessed, and where it turned out to be."""
+    """A guessed node and its position."""
 
     node: int
     kind: str
@@ -47,7 +47,7 @@ class GuessedNode:
 
 @dataclass(frozen=True, slots=True)
 class TriedBatch:
-    """One batch: so many candidates were tried, of so many in all as far as is known now; what it found."""
+    """Result of one batch: candidates tried, candidates in all as far as known now, and nodes found."""
 
     tries: int
     of: int
@@ -55,7 +55,7 @@ class TriedBatch:
 
 
 def _patches(coding: CodingConfig, offset: Offset, box: Box) -> NDArray[np.uint64]:
-    """All cells of a box, x and y as they stand in the canonical bytes; (n,)."""
+    """Return (n,) x and y of all cells of a box, packed as in the canonical bytes."""
     delta = coding.delta_mm / MM_PER_M
     x0, y0, x1, y1 = box
     xs = np.arange(math.floor((x0 - offset.x / MM_PER_M) / delta), math.ceil((x1 - offset.x / MM_PER_M) / delta) + 1)
@@ -65,7 +65,7 @@ def _patches(coding: CodingConfig, offset: Offset, box: Box) -> NDArray[np.uint6
 
 
 def _bins(coding: CodingConfig, shape: Shape, box: Box) -> list[tuple[int, int]]:
-    """Orientation bins times area bins to try."""
+    """Return all pairs of orientation bin and area bin to try."""
     turns = range(bins_of(coding, LANDMARK_TYPES[shape.place - 1])) if shape.oriented else [-1]
     largest = (box[2] - box[0]) * (box[3] - box[1]) / 2
     areas = range(math.ceil(largest / coding.area_m2) + 1) if shape.area else [-1]
@@ -73,12 +73,12 @@ def _bins(coding: CodingConfig, shape: Shape, box: Box) -> list[tuple[int, int]]
 
 
 def can_guess(shape: Shape) -> bool:
-    """Return whether a shape is made of a place alone, so that a map's size is all one needs."""
+    """Return whether a shape contains only a position, so that the size of the map suffices to guess it."""
     return bool(shape.place) and not (shape.text or shape.sensors or shape.messages or shape.action or shape.time)
 
 
 def crack_paper(mission: EncodedMission, box: Box) -> Iterator[TriedBatch]:
-    """Try every place in a box against every node of a paper mission; cheap shapes first."""
+    """Try every position in a box against every node of a paper mission, cheap shapes first."""
     coding = mission.header.coding
     groups: dict[Offset, dict[bytes, int]] = {}
     for node, record in enumerate(mission.nodes):
@@ -86,7 +86,7 @@ def crack_paper(mission: EncodedMission, box: Box) -> Iterator[TriedBatch]:
             groups.setdefault(alias.offset, {})[alias.mark] = node
     shapes = [shape for shape in mission.header.shapes if can_guess(shape)]
     shapes.sort(key=lambda shape: len(_bins(coding, shape, box)))
-    # A chained node has the hash of the one before in it, which is public.
+    # The hash input of a chained node includes its predecessor's hash, which is public.
     marks: list[bytes | None] = [alias.mark for record in mission.nodes for alias in record.aliases]
     per_bin = sum(len(_patches(coding, offset, box)) for offset in groups)
     total = sum(per_bin * len(_bins(coding, shape, box)) * (len(marks) if shape.previous else 1) for shape in shapes)
@@ -115,15 +115,15 @@ def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell
 def crack_sealed(
     mission: EncodedMission, key: StartKey, box: Box, spread: Spread = map, plan: Shown | None = None
 ) -> Iterator[TriedBatch]:
-    """Every place in a box behind every gate that is held; each opened node hands out the next gates.
+    """Try every position in a box against every known gate; each opened node reveals further gates.
 
     Args:
-        key: captured with the robot, or open in the file; without one there is nothing to try.
-        plan: what a floor plan shows is tried first, one by one; and every place only when no gate is left for that.
+        key: captured with the robot, or included in the file; without one there is nothing to try.
+        plan: landmarks of a floor plan, tried first, one by one; all positions follow when no gate is left for them.
     """
-    # A key that was tampered with could name nodes or aliases that are not in the file.
+    # A manipulated key could name nodes or aliases that are not in the file.
     waiting: list[_Held] = [(node, gate, None) for node, gate in key.gates.items() if node < len(mission.nodes)]
-    later: list[_Held] = []  # what the plan does not show
+    later: list[_Held] = []  # nodes that are not among the plan's landmarks
     seen = set(key.gates)
     coding, known = mission.header.coding, 0
     while waiting or later:
@@ -170,7 +170,7 @@ def crack_sealed(
 def _jobs(
     mission: EncodedMission, node: int, gate: Gate, cells: Callable[[Shape, Offset], Iterable[Cell]]
 ) -> Iterator[Claim]:
-    """Every candidate, alias by alias."""
+    """Yield every candidate, alias by alias."""
     for alias, hint in enumerate(gate.hints):
         if not can_guess(hint.shape):
             continue
@@ -180,7 +180,7 @@ def _jobs(
 
 
 def _everywhere(coding: CodingConfig, box: Box, before: Before | None, shape: Shape, offset: Offset) -> Iterator[Cell]:
-    """All cells of a box, those in the direction from the node before first."""
+    """Yield all cells of a box, sorted by angle to the direction from the predecessor if that is known."""
     cells = _patches(coding, offset, box)
     xs = (cells & np.uint64(0xFFFFFFFF)).astype(np.uint32).astype(np.int32)
     ys = (cells >> np.uint64(32)).astype(np.uint32).astype(np.int32)

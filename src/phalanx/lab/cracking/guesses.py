@@ -1,4 +1,4 @@
-"""The brute force of a captured mission: what is tried, batch by batch; the caller says how long, and times it."""
+"""Brute-force attacks on a captured mission, as generators of batches; the caller limits and times them."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ TOKEN_BATCH = 16
 
 
 class Guess(Between, ABC):
-    """Whoever has the file tries to read it, away from any robot.
+    """Offline attack that guesses the content of a captured mission file.
 
     Class attributes:
-        tries_max: batches are run until so many tries, by profile: fast hashes, or slow ones.
-        one_node: whether it is about the node with the token alone.
+        tries_max: number of tries after which the attack ends, by profile: fast hashes, or slow ones.
+        one_node: whether the attack concerns only the node with the token.
     """
 
     scene: ClassVar[Scene] = "file"
@@ -42,20 +42,20 @@ class Guess(Between, ABC):
 
     @abstractmethod
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
-        """Batches of tries, for as long as the caller asks for more.
+        """Yield batches of tries for as long as the caller asks for more.
 
         Args:
-            box: where the places are, metres.
-            building: of which some have the floor plan.
+            box: area of all positions, metres.
+            building: for attacks that have the floor plan.
         """
 
     def in_all(self, plain: Mission, known: int) -> float:
-        """Return how many tries the whole takes: `known`, or with what lies behind the nodes that are open."""
+        """Return the number of tries for the whole mission: `known`, or with the nodes that are still sealed."""
         return float(known)
 
 
 def crack(sent: Sent, box: Box, key: StartKey | None = None, plan: Shown | None = None) -> Iterator[TriedBatch]:
-    """Return batches of tries of every place, with the start key that was sent or another."""
+    """Yield batches of tries of every position, with the start key that was sent or `key`."""
     mission = parse_mission(sent.file)
     if mission.header.profile is Profile.PAPER:
         return crack_paper(mission, box)
@@ -63,13 +63,13 @@ def crack(sent: Sent, box: Box, key: StartKey | None = None, plan: Shown | None 
 
 
 class GuessGraph(Guess):
-    """The file and its start key, if it has one, were captured with the robot."""
+    """Guess with the file and its start key, if it has one, captured from the robot."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
         return crack(sent, box)
 
     def in_all(self, plain: Mission, known: int) -> float:
-        """Count those too that a sealed node hides: the author knows, and the audit says so."""
+        """Add the candidates of nodes that are still sealed; the author's audit knows their number."""
         if plain.coding is None:  # the paper profile: every node can be tried at once
             return float(known)
         rows = audit(plain, Profile.SEALED, open_start=True).nodes
@@ -77,20 +77,20 @@ class GuessGraph(Guess):
 
 
 class GuessPlan(Guess):
-    """File, start key and the building's floor plan were captured, or the building was walked through."""
+    """Guess with the file, the start key and the building's floor plan, which the adversary has or can survey."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
         return crack(sent, box, plan=shown_by(building, BuildOptions().offset_mm))
 
 
 class GuessGate(GuessGraph):
-    """The file alone was captured: the start key came over the link, and is not in it."""
+    """Guess with the file alone: the start key was sent over the link and is not part of the file."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
         if parse_mission(sent.file).header.profile is Profile.PAPER:
             yield from crack(sent, box)
             return
-        key = parse_start_key(sent.key)  # for the shape and the offsets of what is behind: more than the adversary has
+        key = parse_start_key(sent.key)  # its shapes and offsets only; even these the adversary lacks
         while True:
             gates = {
                 node: replace(gate, share=self.plan.chance.bytes(SECRET_BYTES)) for node, gate in key.gates.items()
@@ -100,7 +100,7 @@ class GuessGate(GuessGraph):
 
 
 class GuessToken(Guess):
-    """A code on a wall says 128 random bits; the adversary knows where it hangs, and has all gates."""
+    """Guess a token of 128 random bits in a code on a wall; the adversary knows its position and has all gates."""
 
     tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 4096, Profile.SEALED: 64}
     one_node = True
@@ -113,7 +113,7 @@ class GuessToken(Guess):
         offset = alias_offset(header.coding, node.see[0])
         salt, do, hint = b"", node.do, None
         if header.profile is Profile.SEALED:
-            # The action is in the payload, and not among what was observed.
+            # The action is in the payload, and not part of the observation.
             gate = parse_start_key(sent.key).gates[0]
             salt, do, hint = node_salt(gate.share, (), header, 0, 0), None, gate.hints[0]
         while True:

@@ -1,1 +1,1 @@
-"""Check that a controller answers the same inputs with the same bytes, and find the first difference."""
+"""Check that a controller answers equal inputs with equal bytes, and find the first difference."""

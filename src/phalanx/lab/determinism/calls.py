@@ -1,6 +1,6 @@
-"""Calls of a controller: a robot's life in the simulated world, then odd input of other robots and broken sensors.
+"""Calls to test a controller with: those of a simulated run, then malformed packets, advice and sensor readings.
 
-While it is called, it must not take for ever, sleep, start a thread or look at a file: `watched` finds it.
+During a call the controller must not loop forever, sleep, start a thread or open a file; `watched` detects that.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ from phalanx.world.signals import handled_by
 Make = Callable[[int], Controller]
 ROBOTS, ROBOT, LIFE_S, GOAL_M = 9, 5, 15.0, (120.0, 120.0)
 CONTROL_MS = 250
-LATEST_MS = (1 << 32) - 1  # entries carry no later time
+LATEST_MS = (1 << 32) - 1  # largest time that a log entry can hold
 LONGEST_BYTES = 400
-# Numbers as they lie in packets and readings: not a number of either sign, infinities, the largest, the least, -0.
+# Floats as encoded in packets and readings: NaN of either sign, infinities, largest, smallest, -0.
 ODD = tuple(np.array(bits, "<u4").tobytes() for bits in (0x7FC00000, 0xFFC00001, 0x7F800000, 0xFF800000)) + tuple(
     np.array(value, "<f4").tobytes() for value in (3.4e38, -3.4e38, 1e-45, -0.0)
 )
-# Where all packets and readings have them.
+# Offsets common to all packets and readings.
 ID_AT, T_AT, NUMBERS_AT = table.SENSOR.at("id"), table.SENSOR.at("t"), table.SENSOR.at("x_m")
 FRAMES_A_READING = 3
 FRAME, ADVICE = -1, -2
-LONGEST_CALL_S = 10.0  # of processor time; of waiting, thrice as much
-# What Python tells of before it does it, and what a controller does then.
+LONGEST_CALL_S = 10.0  # processor time; three times as much wall-clock time
+# Python audit events and the descriptions for findings.
 FORBIDDEN = {
     "open": "opens a file",
     "os.listdir": "reads a folder",
@@ -60,78 +60,78 @@ FORBIDDEN = {
     "os.fork": "starts a process",
     "socket.__new__": "opens a socket",
 }
-# What is done in these is not the controller's doing: modules that are first needed now.
+# Code in these modules is exempt: imports may happen during a call.
 ALLOWED = "importlib"
 
-# What it does not tell of.
-UNTOLD: tuple[tuple[Any, str, str], ...] = ((time, "sleep", "sleeps"), (threading.Thread, "start", "starts a thread"))
+# Actions without an audit event.
+WRAPPED: tuple[tuple[Any, str, str], ...] = ((time, "sleep", "sleeps"), (threading.Thread, "start", "starts a thread"))
 
-_calls: list[list[str]] = []  # those that are watched, and what was seen of each
+_calls: list[list[str]] = []  # findings of each watched call
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A packet that was heard, advice, or a reading."""
+    """A call of the controller with a received packet, advice, or a sensor reading."""
 
-    step: int  # of a reading, how many came before it; FRAME or ADVICE of those
-    t_ms: int  # the node's time
+    step: int  # number of the reading, from 0; FRAME or ADVICE for the others
+    t_ms: int  # time of the trusted node
     payload: bytes
-    odd: str = ""  # what is odd of it
+    odd: str = ""  # description of the defect; "" for a regular call
 
     @property
     def method(self) -> str:
-        """Of a controller, that it is for."""
+        """Return the name of the controller's method to call."""
         return "on_input" if self.step >= 0 else {FRAME: "on_recv", ADVICE: "on_advice"}[self.step]
 
     def __str__(self) -> str:
-        what = f"reading {self.step}" if self.step >= 0 else {FRAME: "packet", ADVICE: "advice"}[self.step]
-        return f"{what}, {self.t_ms} ms" + (f", {self.odd}" if self.odd else "")
+        label = f"reading {self.step}" if self.step >= 0 else {FRAME: "packet", ADVICE: "advice"}[self.step]
+        return f"{label}, {self.t_ms} ms" + (f", {self.odd}" if self.odd else "")
 
 
-def maker(words: str) -> Make:
-    """Return a maker of the bundled controller of that name, or of that of "FILE.py:CLASS" or "FILE.py".
+def maker(name: str) -> Make:
+    """Return a factory for the bundled controller of that name, or for "FILE.py:CLASS" or "FILE.py".
 
     Raises: as `find_class`. UsageError: no such name.
     """
-    if is_file(words) and (own := find_own(words)):
+    if is_file(name) and (own := find_own(name)):
         return own
-    if words in BUNDLED:
-        keys = {"gateway_key": _gateway().public} if _is_driven(words) else {}
-        return compiled(NUMBERS[words], BUNDLED[words].params(BUNDLED[words].config(**keys)))
-    if protocol := find_protocol(words):
-        return protocol.maker(find_scenario(words).task)
-    raise no_controller(words, [*BUNDLED, *PROTOCOLS])
+    if name in BUNDLED:
+        keys = {"gateway_key": _gateway().public} if _is_driven(name) else {}
+        return compiled(NUMBERS[name], BUNDLED[name].params(BUNDLED[name].config(**keys)))
+    if protocol := find_protocol(name):
+        return protocol.maker(find_scenario(name).task)
+    raise no_controller(name, [*BUNDLED, *PROTOCOLS])
 
 
-def calls_of(make: Make, words: str, seed: int) -> list[Call]:
-    """Return the calls that robot 5 of nine gets in 15 s, and then odd ones.
+def calls_of(make: Make, name: str, seed: int) -> list[Call]:
+    """Return the calls that robot 5 of nine receives in 15 s, followed by malformed ones.
 
     Raises: whatever the controller raises in a world without compromised robots.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
-    is_advised = _is_advised(make, words)
-    life = list(_driven(chance)) if _is_driven(words) else _lived(make, _world_of(words, seed), is_advised)
+    is_advised = _is_advised(make, name)
+    life = list(_driven(chance)) if _is_driven(name) else _calls_in_run(make, _world_of(name, seed), is_advised)
     return [*life, *_odd(life, chance)]
 
 
-def _is_advised(make: Make, words: str) -> bool:
-    """Return whether the controller uses advice of planners."""
-    if words in BUNDLED:
-        return BUNDLED[words].advised is not None
+def _is_advised(make: Make, name: str) -> bool:
+    """Return whether the controller uses a planner's advice."""
+    if name in BUNDLED:
+        return BUNDLED[name].advised is not None
     return type(make(ROBOT)).on_advice is not Controller.on_advice
 
 
-def _is_driven(words: str) -> bool:
-    return words in BUNDLED and BUNDLED[words].reads is table.WHEELS_SENSOR
+def _is_driven(name: str) -> bool:
+    return name in BUNDLED and BUNDLED[name].reads is table.WHEELS_SENSOR
 
 
 def _gateway() -> Signer:
-    """Of a key that anybody can make: nobody's robots obey it."""
+    """Return a signer with a public test key, which no real robot accepts."""
     return Signer(Ed25519PrivateKey.from_private_bytes(bytes(driven.SIGNER_KEY_BYTES)), 1, driven.GATEWAY)
 
 
-class _Listener(Controller):
-    """Does as the controller in it, and notes what that is asked."""
+class _Recorder(Controller):
+    """Controller that forwards all calls to another one and records them."""
 
     def __init__(self, rob_id: int, make: Make, calls: list[Call], planner: Planner | None) -> None:
         super().__init__(rob_id)
@@ -159,30 +159,30 @@ class _Listener(Controller):
         return checked_outputs(outputs, BtiConfig().packet_max_bytes, self._inner)
 
 
-def _world_of(words: str, seed: int) -> Scenario:
-    """Its own, if it is one of the protocols."""
-    if words in PROTOCOLS:
-        return replace(find_scenario(words), duration_s=LIFE_S, defence="none", seed=seed, attacks=())
-    # Room for whatever it remembers: how much it may be is not asked here.
+def _world_of(name: str, seed: int) -> Scenario:
+    """Return the protocol's own scenario, if the name is one of the protocols, else a flock of nine."""
+    if name in PROTOCOLS:
+        return replace(find_scenario(name), duration_s=LIFE_S, defence="none", seed=seed, attacks=())
+    # Generous room for a checkpoint: its size is not tested here.
     bti = BtiConfig(f_max=2, state_bytes=4096)
     return Scenario(robots=ROBOTS, goal_m=GOAL_M, duration_s=LIFE_S, defence="none", seed=seed, bti=bti)
 
 
-def _lived(make: Make, scenario: Scenario, is_advised: bool) -> list[Call]:
+def _calls_in_run(make: Make, scenario: Scenario, is_advised: bool) -> list[Call]:
     calls: dict[int, list[Call]] = {rob_id: [] for rob_id in range(1, scenario.robots + 1)}
     planner = partial(ToGoal, goal_m=scenario.goal_m) if is_advised else lambda _: None
 
-    def listener(rob_id: int) -> _Listener:
-        return _Listener(rob_id, make, calls[rob_id], planner(rob_id))
+    def recorder(rob_id: int) -> _Recorder:
+        return _Recorder(rob_id, make, calls[rob_id], planner(rob_id))
 
-    listener.senses = getattr(make, "senses", None)  # type: ignore[attr-defined]
-    run = Run(scenario, listener)
+    recorder.senses = getattr(make, "senses", None)  # type: ignore[attr-defined]
+    run = Run(scenario, recorder)
     run.advance(LIFE_S)
     return calls[ROBOT]
 
 
 def _driven(chance: np.random.Generator) -> Iterator[Call]:
-    """A driven robot: readings of a pose that wanders, orders to it and to others, and what others broadcast."""
+    """Yield calls of a driven robot: readings of a random walk, orders to it and others, and broadcasts of others."""
     gateway = _gateway()
     x_mm, y_mm, direction_deg = 500.0, 500.0, 0.0
     for step in range(int(1000 * LIFE_S) // CONTROL_MS):
@@ -203,10 +203,10 @@ def _driven(chance: np.random.Generator) -> Iterator[Call]:
 
 def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:
     readings = [call for call in life if call.step >= 0]
-    heard = [call.payload for call in life if call.step == FRAME]
+    received = [call.payload for call in life if call.step == FRAME]
     last, step = life[-1], readings[-1].step
-    state = bytes([table.KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a compromised robot may
-    usual = {(packet[0], len(packet)): packet for packet in (state, *heard)}  # one of each kind and length
+    state = bytes([table.KIND_STATE]) + readings[-1].payload[ID_AT:]  # a compromised robot may broadcast
+    usual = {(packet[0], len(packet)): packet for packet in (state, *received)}  # one of each kind and length
     packets = list(_odd_frames(list(usual.values()), chance))
     for k, (t_offset_ms, packet, odd) in enumerate(packets):
         t_ms = min(max(0, last.t_ms + CONTROL_MS * (k // FRAMES_A_READING) + t_offset_ms), LATEST_MS)
@@ -231,7 +231,7 @@ def _at(call: Call, step: int, t_ms: int) -> Call:
 
 
 def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tuple[int, bytes, str]]:
-    """By how much its time is off, ms; the packet; what is odd of it."""
+    """Yield malformed packets: time offset in ms, packet, description of the defect."""
     for packet in usual:
         yield from ((0, packet, "again") for _ in range(3))
         yield from ((off_ms, packet, f"{off_ms:+d} ms out of order") for off_ms in (-5000, 60_000, -(1 << 32), 1 << 32))
@@ -241,9 +241,9 @@ def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tup
         yield 0, packet[:1] + bytes(len(packet) - 1), "zeros"
         yield 0, packet[:1] + b"\xff" * (len(packet) - 1), "ones"
         for rob_id in (0, ROBOT, *range(1000, 1040)):
-            told = np.frombuffer(packet, np.uint8).copy()
-            put_u16(told, ID_AT, rob_id)
-            yield 0, told.tobytes(), f"from robot {rob_id}"
+            changed = np.frombuffer(packet, np.uint8).copy()
+            put_u16(changed, ID_AT, rob_id)
+            yield 0, changed.tobytes(), f"from robot {rob_id}"
         for at in range(len(packet) - 4, 2, -4):
             yield from ((0, packet[:at] + odd + packet[at + len(odd) :], f"{odd.hex()} at byte {at}") for odd in ODD)
     for _ in range(20):
@@ -253,7 +253,7 @@ def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tup
 
 
 def _odd_advice(usual: bytes) -> Iterator[tuple[bytes, str]]:
-    """Yield advice that is odd, each with a note on how."""
+    """Yield malformed advice with a description of the defect."""
     yield usual, "again"
     yield from ((usual[:n], f"cut to {n} bytes") for n in (0, 1, len(usual) // 2, len(usual) - 1))
     yield usual + b"\0", "a byte too long"
@@ -264,7 +264,7 @@ def _odd_advice(usual: bytes) -> Iterator[tuple[bytes, str]]:
 
 
 def _odd_readings(readings: list[Call]) -> Iterator[tuple[bytes, str]]:
-    """Of the usual length, which the body sees to; what is in it, nobody does."""
+    """Yield readings of the usual length, which the body guarantees, with arbitrary content."""
     usual = readings[-1].payload
     for at in range(NUMBERS_AT, len(usual) - 3, 4):
         yield from ((usual[:at] + odd + usual[at + 4 :], f"{odd.hex()} at byte {at}") for odd in ODD)
@@ -272,27 +272,27 @@ def _odd_readings(readings: list[Call]) -> Iterator[tuple[bytes, str]]:
     yield from ((usual, "as usual") for _ in range(12))
 
 
-# --- while it is called ---
+# --- during a call ---
 
 
 class Endless(OwnMistake):
-    """A call that does not return. Nor will it the next time."""
+    """Raised when a call does not return in time; the check then ends."""
 
 
 @contextlib.contextmanager
 def watched(controller: object, method: str, call: str) -> Iterator[None]:
-    """The body asks `controller` this.
+    """Watch a call of `controller` in the body of this context.
 
-    Outside the main thread nobody looks at the time.
+    The time is limited only in the main thread.
 
-    Raises: OwnMistake: it did what it must not, whatever it caught itself. Endless: it did not return.
+    Raises: OwnMistake: the controller did something forbidden, even if it caught the error. Endless: no return in time.
     """
-    _listen()
+    _install_hooks()
 
     def late(_number: int, frame: FrameType | None) -> None:
         if not _is_allowed(frame):
             what = f"{method} has not returned for {LONGEST_CALL_S:g} s ({call})"
-            raise Endless(what, "is there a loop that does not end, or does it wait?", controller, method)
+            raise Endless(what, "look for an endless loop or a blocking call", controller, method)
 
     method = overridden(controller, method)
     seen: list[str] = []
@@ -306,7 +306,7 @@ def watched(controller: object, method: str, call: str) -> Iterator[None]:
         finally:
             _calls.pop()
             if seen:
-                raise OwnMistake(f"{method} {seen[0]} ({call})", "only its inputs may decide", controller, method)
+                raise OwnMistake(f"{method} {seen[0]} ({call})", "use only the call's inputs", controller, method)
 
 
 @contextlib.contextmanager
@@ -323,17 +323,17 @@ def _timed(late: Callable[[int, FrameType | None], None]) -> Iterator[None]:
 
 
 @cache
-def _listen() -> None:
-    """From now on we are told. That cannot be taken back, and changes nothing while no call is watched."""
-    sys.addaudithook(lambda event, _told: _note(FORBIDDEN.get(event)))
-    for owner, name, what in UNTOLD:
+def _install_hooks() -> None:
+    """Install the hooks. They cannot be removed, and have no effect while no call is watched."""
+    sys.addaudithook(lambda event, _args: _note(FORBIDDEN.get(event)))
+    for owner, name, what in WRAPPED:
         does = getattr(owner, name)
 
-        def told(*args: Any, does: Callable[..., Any] = does, what: str = what) -> Any:
+        def wrapper(*args: Any, does: Callable[..., Any] = does, what: str = what) -> Any:
             _note(what)
             return does(*args)
 
-        setattr(owner, name, told)
+        setattr(owner, name, wrapper)
 
 
 def _note(what: str | None) -> None:

@@ -1,4 +1,4 @@
-"""The checks: processes that must agree to the byte, and the first place where two of them do not."""
+"""Run a controller in several processes that must agree to the byte, and find the first difference."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from phalanx.wire.record import Record
 from .calls import ROBOT, Call, calls_of, maker
 from .trace import LATER_S, LIVES, Step
 
-# Beside the first process. With four in all, two strings in a set come in the same order in every one in 1 of 8 cases.
+# Processes in addition to the first. With four, two strings in a set have the same order in all in 1 of 8 cases.
 OTHERS = 3
 KNOWN = [record for each in BUNDLED.values() for record in (each.commands, each.says)]
 ZONES = ("UTC", "UTC-9", "UTC+7", "UTC-5")
@@ -33,12 +33,12 @@ PLAIN = "process 1"
 class Finding:
     """First failure of a check."""
 
-    call: int  # its number in the sequence, from 0
-    at: str  # what was called, and when
-    what: str  # what differs: an output, the encoding, or what was raised
-    byte: int | None  # where in it, from 0; None if that is not the point
-    field: str  # of the byte table, "" where the layout is the controller's own
-    one: str  # what each of the two has there, and which it is
+    call: int  # number in the sequence, from 0
+    at: str  # the call and its time
+    what: str  # the part that differs: an output, the encoding, or the exception
+    byte: int | None  # offset of the difference; None if it is not in bytes
+    field: str  # field of the byte table; "" if the layout is the controller's own
+    one: str  # bytes or text in each of the two processes, with their labels
     other: str
 
     def __str__(self) -> str:
@@ -49,7 +49,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was tried, and where it failed first; None if it did not."""
+    """One property that was checked, and its first violation; None if it holds."""
 
     name: str
     finding: Finding | None
@@ -66,22 +66,22 @@ class Report:
 
     @property
     def agrees(self) -> bool:
-        """Return whether nothing was found."""
+        """Return whether all checks passed."""
         return all(check.finding is None for check in self.checks)
 
     def as_json(self) -> dict[str, Any]:
-        """As `phalanx sim check --json` prints it."""
+        """Return the report as `phalanx sim check --json` prints it."""
         return asdict(self) | {"agrees": self.agrees}
 
 
 def check_controller(words: str, seed: int = 0) -> Report:
-    """Runs a controller in several ways in which auditors may run it, on the same calls, and compares every byte.
+    """Run a controller in several ways that auditors may use, on the same calls, and compare every byte.
 
-    What it finds convicts honest robots. What it does not find may still be there: it tries one machine, one life.
+    Any difference convicts honest robots. Passing is no proof: the check tests one machine and one sequence of calls.
 
     Args:
-        words: "FILE.py:CLASS", or the name of a controller of ours.
-        seed: of the life that the controller is led through.
+        words: "FILE.py:CLASS", or the name of a bundled controller.
+        seed: of the simulated run that the calls come from.
     Raises: UsageError: no such controller, or it fails in an honest world. Unavailable: a process ended early.
     """
     with mistakes_in(words):
@@ -100,7 +100,7 @@ def check_controller(words: str, seed: int = 0) -> Report:
         seed,
         len(calls),
         (
-            compare("same in all processes", ((_named(k), lives["live"]) for k, lives in enumerate(others, 1))),
+            compare("same in all processes", ((_label(k), lives["live"]) for k, lives in enumerate(others, 1))),
             compare("same when not compiled", iter([("not compiled", plain["live"])])),
             compare("same beside another", iter([("beside another robot's", first["live_beside"])])),
             compare("same from checkpoints", iter([("gone on from it", first["live_on"])])),
@@ -112,13 +112,13 @@ def check_controller(words: str, seed: int = 0) -> Report:
 
 
 @contextlib.contextmanager
-def _process(folder: Path, k: int, words: str, calls: list[Call]) -> Iterator[Callable[[], dict[str, list[Step]]]]:
-    """Start process `k`, the last of which runs kernels uncompiled; yield what waits for its lives; end it."""
-    job, out, said = (folder / f"{k}.{what}" for what in ("job", "out", "said"))
+def _process(folder: Path, k: int, name: str, calls: list[Call]) -> Iterator[Callable[[], dict[str, list[Step]]]]:
+    """Start process `k`, of which the last runs kernels uncompiled; yield a function that waits for its results."""
+    job, out, log = (folder / f"{k}.{kind}" for kind in ("job", "out", "log"))
     turn, pure = (k, {}) if k <= OTHERS else (0, {"PHALANX_PURE": "1"})
-    asked = {"controller": words, "robot": ROBOT, "turn": turn, "lives": ("live",) if k else tuple(LIVES)}
-    job.write_text(json.dumps(asked | {"calls": [(call.step, call.t_ms, call.payload.hex()) for call in calls]}))
-    with said.open("wb") as output:
+    settings = {"controller": name, "robot": ROBOT, "turn": turn, "lives": ("live",) if k else tuple(LIVES)}
+    job.write_text(json.dumps(settings | {"calls": [(call.step, call.t_ms, call.payload.hex()) for call in calls]}))
+    with log.open("wb") as output:
         child = subprocess.Popen(
             [sys.executable, "-m", "phalanx.lab.determinism.trace", str(job), str(out)],
             env=os.environ | {"PYTHONHASHSEED": str(turn), "TZ": ZONES[turn]} | pure,
@@ -129,10 +129,10 @@ def _process(folder: Path, k: int, words: str, calls: list[Call]) -> Iterator[Ca
 
     def wait() -> dict[str, list[Step]]:
         if child.wait() != 0:
-            lines = said.read_text(errors="replace").splitlines() or ["it said nothing"]
+            lines = log.read_text(errors="replace").splitlines() or ["no output"]
             raise Unavailable(f"a process of the check ended early: {lines[-1]}")
-        lived: dict[str, list[Step]] = json.loads(out.read_text())
-        return lived
+        results: dict[str, list[Step]] = json.loads(out.read_text())
+        return results
 
     try:
         yield wait
@@ -141,26 +141,26 @@ def _process(folder: Path, k: int, words: str, calls: list[Call]) -> Iterator[Ca
         child.wait()
 
 
-def _named(turn: int) -> str:
+def _label(turn: int) -> str:
     return f"process {turn + 1} (hash seed {turn}, {ZONES[turn]}, {turn * LATER_S / 86_400:.1f} days later)"
 
 
-def _first_of(calls: list[Call], said: Iterable[str], what: str) -> Finding | None:
-    """Return the first call of which something is said; `what` names it, with "METHOD" for the controller's."""
-    for k, (call, words) in enumerate(zip(calls, said, strict=True)):
-        if words:
-            return Finding(k, str(call), what.replace("METHOD", call.method), None, "", words, "")
+def _first_of(calls: list[Call], texts: Iterable[str], what: str) -> Finding | None:
+    """Return the first call whose text is not empty; `what` names the finding, "METHOD" in it the method."""
+    for k, (call, text) in enumerate(zip(calls, texts, strict=True)):
+        if text:
+            return Finding(k, str(call), what.replace("METHOD", call.method), None, "", text, "")
     return None
 
 
-def _first_difference(words: str, calls: list[Call], one: list[Step], other: list[Step], label: str) -> Finding | None:
-    remembered = BUNDLED[words].remembers if words in BUNDLED else ()
+def _first_difference(name: str, calls: list[Call], one: list[Step], other: list[Step], label: str) -> Finding | None:
+    remembered = BUNDLED[name].remembers if name in BUNDLED else ()
     for k, (call, mine, theirs) in enumerate(zip(calls, one, other, strict=True)):
         outputs, state, raised, _ = mine
         outputs_2, state_2, raised_2, _ = theirs
         if raised != raised_2:
-            said, said_2 = raised or "nothing", raised_2 or "nothing"
-            return Finding(k, str(call), "raised", None, "", f"{PLAIN}: {said}", f"{label}: {said_2}")
+            texts = raised or "nothing", raised_2 or "nothing"
+            return Finding(k, str(call), "raised", None, "", f"{PLAIN}: {texts[0]}", f"{label}: {texts[1]}")
         if len(outputs) != len(outputs_2):
             counts = f"{PLAIN}: {len(outputs)}", f"{label}: {len(outputs_2)}"
             return Finding(k, str(call), "number of outputs", None, "", *counts)
@@ -175,9 +175,9 @@ def _first_difference(words: str, calls: list[Call], one: list[Step], other: lis
     return None
 
 
-def _located(told: str, told_2: str, layout: Sequence[Record], label: str) -> tuple[int, str, str, str]:
-    """The first byte that differs, the field that it is in, and all bytes of that in each of the two."""
-    raw, raw_2 = bytes.fromhex(told), bytes.fromhex(told_2)
+def _located(one: str, other: str, layout: Sequence[Record], label: str) -> tuple[int, str, str, str]:
+    """Return the first differing byte, its field, and the bytes of that field in both encodings."""
+    raw, raw_2 = bytes.fromhex(one), bytes.fromhex(other)
     shared = min(len(raw), len(raw_2))
     byte = next((at for at in range(shared) if raw[at] != raw_2[at]), shared)
     begin, end, name = _field_at(layout, byte)
@@ -187,7 +187,7 @@ def _located(told: str, told_2: str, layout: Sequence[Record], label: str) -> tu
 
 
 def _field_at(layout: Sequence[Record], byte: int) -> tuple[int, int, str]:
-    """Begin, end and name of the field that a byte is in, of records of which the last stands for all that follow."""
+    """Return begin, end and name of the field at a byte; the last record repeats for the rest of the encoding."""
     end = 0
     for nth, record in enumerate(chain(layout, repeat(layout[-1])) if layout else ()):
         for field in record.all_fields:

@@ -1,8 +1,7 @@
-"""A controller lives through its calls, in a process made for it: python -m phalanx.lab.determinism.trace JOB OUT.
+"""Run a controller through recorded calls in a new process: python -m phalanx.lab.determinism.trace JOB OUT.
 
-It lives several times, each another way in which an auditor may come to run it. What must not matter is made to differ
-from process to process: clocks, the time zone, where objects lie in memory; and the order of sets, by the hash seed
-that the process is started with.
+The controller runs several times, in ways that auditors may use. Conditions that must not matter differ between the
+processes: clocks, time zone and memory addresses, and the order of sets, by the process's hash seed.
 """
 
 from __future__ import annotations
@@ -32,28 +31,28 @@ from phalanx.wire.record import MalformedRecord
 
 from .calls import ADVICE, FRAME, Call, Endless, Make, maker, watched
 
-# What a controller did at one call: type and bytes of each output, what it remembers then, what it raised, and what
-# no body, no radio and no checkpoint takes of that.
+# Result of one call: type and bytes of each output, encoded state after the call, the exception, and the reason why
+# the body, the radio or the checkpoint would reject a result.
 Step = tuple[list[tuple[str, str]], str, str, str]
-# By first byte and length.
-COMMANDS, SAID = (
+# Layouts by first byte and length.
+COMMANDS, BROADCASTS = (
     {(record.tag, record.size): record for record in records}
     for records in ([each.commands for each in BUNDLED.values()], [each.says for each in BUNDLED.values()])
 )
-# Neither whole days nor whole hours: the hour, the minute and the second of a day are others too.
+# Neither whole days nor whole hours, so that hour, minute and second of the day differ too.
 LATER_S = 118_383.0
-# So many calls another robot's controller is behind: what both keep in one place is then not the same.
+# Number of calls by which the other robot's controller is behind, so that state they share would differ.
 BEHIND = 7
 
 
 def live(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
-    """From boot to the end."""
+    """Run one controller through all calls."""
     controller = make(rob_id)
     return [_step(controller, call) for call in calls]
 
 
 def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
-    """The same, while another robot's controller in this process is asked what this one was asked a while before."""
+    """Run as in `live`, while another robot's controller in the same process receives the calls with a delay."""
     controller, other = make(rob_id), make(rob_id + 1)
     steps = []
     for k, call in enumerate(calls):
@@ -63,12 +62,12 @@ def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
 
 
 def live_on(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
-    """The same, each call in a new controller that goes on from the last one's encoding, as an auditor's does."""
+    """Run each call in a new controller that decodes the last encoding, as an auditor does."""
     return _relayed(calls, make(rob_id), lambda: make(rob_id))
 
 
 def live_over(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
-    """The same, in two controllers by turns: each decodes the other's encoding over what it remembers itself."""
+    """Run the calls in two controllers in turn: each decodes the other's encoding over its own old state."""
     first, second = make(rob_id), make(rob_id)
     turns = [second, first]
 
@@ -90,8 +89,8 @@ def _relayed(calls: list[Call], controller: Controller, following: Callable[[], 
             controller = following()
             controller.decode(encoding)
             decoded = controller.encode()
-        except Exception as error:  # noqa: BLE001 - it is told
-            steps.append(([], "", f"decode: {_told(error)}", ""))
+        except Exception as error:  # noqa: BLE001 - recorded as the result
+            steps.append(([], "", f"decode: {_describe(error)}", ""))
             continue
         step = _step(controller, call)
         steps.append(step if decoded == encoding else ([], decoded.hex(), "decode, then encode: other bytes", ""))
@@ -108,54 +107,54 @@ def _step(controller: Controller, call: Call) -> Step:
             elif call.step == ADVICE:
                 controller.on_advice(call.payload)
             else:
-                told = controller.on_input(call.step, call.t_ms, call.payload)
-                outputs = checked_outputs(told, BtiConfig().packet_max_bytes, controller)
+                answer = controller.on_input(call.step, call.t_ms, call.payload)
+                outputs = checked_outputs(answer, BtiConfig().packet_max_bytes, controller)
                 refused = _unfit(outputs)
     except Endless:
         raise
     except OwnMistake as error:
         refused = str(error)
-    except Exception as error:  # noqa: BLE001 - it is told
-        raised = _told(error)
+    except Exception as error:  # noqa: BLE001 - recorded as the result
+        raised = _describe(error)
     try:
         state = checked_state(controller.encode(), _room(controller.state_bytes), controller)
     except OwnMistake as error:
         state, refused = b"", refused or str(error)
     except Exception as error:  # noqa: BLE001 - as above
-        state, raised = b"", raised or f"encode: {_told(error)}"
+        state, raised = b"", raised or f"encode: {_describe(error)}"
     return [(type(output).__name__, output.payload.hex()) for output in outputs], state.hex(), raised, refused
 
 
 def _unfit(outputs: list[Output]) -> str:
-    """Describe the first output that no body and no neighbour could use; "" if all are usable."""
+    """Describe the first output that the body or the neighbours could not use; "" if all are usable."""
     for output in outputs:
-        layouts = COMMANDS if isinstance(output, Act) else SAID
+        layouts = COMMANDS if isinstance(output, Act) else BROADCASTS
         known = layouts.get((output.payload[0], len(output.payload)))
         try:
             if known:
                 known.decode(output.payload)
             elif isinstance(output, Act):
-                return f"on_input put out no command: {len(output.payload)} bytes, the first {output.payload[0]}"
+                return f"on_input returned a bad command: {len(output.payload)} bytes, the first {output.payload[0]}"
         except MalformedRecord as error:
-            return f"on_input put out {type(output).__name__} of {error}"
+            return f"on_input returned an invalid {type(output).__name__}: {error}"
     return ""
 
 
 def _room(state_bytes: int) -> int:
-    """For a checkpoint, in a scenario that says nothing of it."""
+    """Return the checkpoint size allowed by a scenario without its own limit."""
     bti = BtiConfig()
     return replace(bti, state_bytes=max(bti.state_bytes, state_bytes)).checkpoint_capacity_bytes
 
 
-def _told(error: Exception) -> str:
+def _describe(error: Exception) -> str:
     place = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}: {error}".splitlines()[0]
 
 
 def _shake(turn: int) -> list[bytearray]:
-    """Clocks are ahead; memory has holes elsewhere, as long as what is returned is kept."""
+    """Set the clocks ahead and fragment the memory; the fragmentation lasts while the returned list exists."""
     _set_clocks(turn * LATER_S)
-    chance = random.Random(turn)  # noqa: S311 - no secret, and not the one that the controller may use
+    chance = random.Random(turn)  # noqa: S311 - no secret, and independent of the global generator
     kept = [bytearray(chance.randrange(16, 2048)) for _ in range(20_000)]
     chance.shuffle(kept)
     del kept[::2]
@@ -189,14 +188,14 @@ def _set_clocks(ahead_s: float) -> None:
 
 
 def main(job: Path, out: Path) -> None:
-    """All lives that the job asks for are in `out`."""
-    asked: dict[str, Any] = json.loads(job.read_text())
-    kept = _shake(asked["turn"]) if asked["turn"] else []
-    make = maker(asked["controller"])
-    calls = [Call(step, t_ms, bytes.fromhex(payload)) for step, t_ms, payload in asked["calls"]]
-    lived = {name: LIVES[name](make, asked["robot"], calls) for name in asked["lives"]}
+    """Run the job's sequences, and write their results to `out`."""
+    settings: dict[str, Any] = json.loads(job.read_text())
+    kept = _shake(settings["turn"]) if settings["turn"] else []
+    make = maker(settings["controller"])
+    calls = [Call(step, t_ms, bytes.fromhex(payload)) for step, t_ms, payload in settings["calls"]]
+    results = {name: LIVES[name](make, settings["robot"], calls) for name in settings["lives"]}
     del kept
-    out.write_text(json.dumps(lived))
+    out.write_text(json.dumps(results))
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""The pictures of the papers' figures, each drawn from its CSV alone."""
+"""Plots of the papers' figures, each drawn from its CSV alone."""

@@ -1,4 +1,4 @@
-"""Encoded graphs Figs. 8, 9 and 10 and Table I: drives through buildings, and what they take."""
+"""Plots of Encoded graphs Figs. 8, 9 and 10 and Table I: drives through buildings, their errors and times."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from phalanx.world.building.odometry import NoiseModel
 
 from .plot import BLUE, GREEN, GREY, ORANGE, VERMILION, Axes, Picture, banded, boxes, draw_walls, lines_in
 
-# Paths that are drawn: the columns' name, colour, words.
+# Paths to draw: prefix of the columns, colour, label.
 Ways = tuple[tuple[str, str, str], ...]
 WAYS_8A: Ways = (
     ("odometry", ORANGE, "odometry alone"),
@@ -25,21 +25,21 @@ COLOURS = (BLUE, ORANGE, GREEN, VERMILION)
 
 
 def _draw_paths(table: Table, ways: Ways, walls_m: NDArray[np.float64], ground: Axes, over_time: Axes) -> None:
-    """The first case's true path and others on the floor plan, and the errors of all cases as long as it over time."""
+    """Draw the first case's paths on the floor plan, and over time the errors of all cases of the same length."""
     first = min(table.cases, key=seed_of)
     times_s = table.column(first, "t_s")
     draw_walls(ground, walls_m)
     ground.plot(table.column(first, "true_x_m"), table.column(first, "true_y_m"), color="black", lw=3, label="truth")
-    for way, colour, words in ways:
+    for way, colour, label in ways:
         x, y = (table.column(first, f"{way}_{axis}_m") for axis in "xy")
-        ground.plot(x, y, color=colour, linewidth=1.2, label=words)
+        ground.plot(x, y, color=colour, linewidth=1.2, label=label)
         errors_m = [errors_m for errors_m in path_errors_m(table, way) if len(errors_m) == len(times_s)]
-        banded(over_time, times_s, np.array(errors_m), colour, words)
+        banded(over_time, times_s, np.array(errors_m), colour, label)
     over_time.set(xlabel="time (s)", ylabel="error (m); median and 5 to 95 % of seeds", yscale="log")
 
 
 def draw_fig8a(table: Table, picture: Picture) -> None:
-    """The path on the floor plan, and the errors over time."""
+    """Draw the paths on the floor plan, and the errors over time."""
     ground, over_time = picture.subplots(1, 2, width_ratios=(5, 6))
     _draw_paths(table, WAYS_8A, load_floorplan(DEFAULT).walls, ground, over_time)
     over_time.axhline(fig8a.ZERO_M, color=GREY, linewidth=0.8, linestyle=":", label="paper's virtually zero, 0.15 m")
@@ -49,7 +49,7 @@ def draw_fig8a(table: Table, picture: Picture) -> None:
 
 
 def draw_fig8b(table: Table, picture: Picture) -> None:
-    """Boxes: odometry and encoded landmarks, one panel a setting."""
+    """Draw box plots of odometry and encoded landmarks, one panel per setting."""
     for axes, (model, reach_m) in zip(
         picture.subplots(1, len(fig8b.SETTINGS), sharey=True), fig8b.SETTINGS, strict=True
     ):
@@ -78,11 +78,9 @@ def _draw_setting(axes: Axes, table: Table, model: NoiseModel, reach_m: float) -
 
 
 def draw_fig8c(table: Table, picture: Picture) -> None:
-    """Times by grid, compiled and plain."""
+    """Draw times by grid size, compiled and plain."""
     axes = picture.subplots(1, 2, sharey=True)
-    for panel, column, words in zip(
-        axes, ("plain_s", "compiled_s"), ("plain Python, hashlib", "compiled"), strict=True
-    ):
+    for panel, column, code in zip(axes, ("plain_s", "compiled_s"), ("plain Python, hashlib", "compiled"), strict=True):
         for offset, colour, kinds in (
             (-0.2, VERMILION, [fig8c.EXTRACTION] * len(fig8c.GRIDS_MM)),
             (0.2, BLUE, [f"grid {grid_mm}" for grid_mm in fig8c.GRIDS_MM]),
@@ -93,7 +91,7 @@ def draw_fig8c(table: Table, picture: Picture) -> None:
             )
             boxes(panel, values, colour, positions=places, widths=0.34, manage_ticks=False)
         panel.set_xticks(range(len(fig8c.GRIDS_MM)), [f"{grid_mm / 1000:g}" for grid_mm in fig8c.GRIDS_MM])
-        panel.set(xlabel=f"grid (m); {words}", yscale="log")
+        panel.set(xlabel=f"grid (m); {code}", yscale="log")
     axes[0].set_ylabel("time for one scan (s); box and 5 to 95 %")
     axes[0].plot([], [], color=VERMILION, label="landmarks of the scan")
     axes[0].plot([], [], color=BLUE, label="hash search")
@@ -101,7 +99,7 @@ def draw_fig8c(table: Table, picture: Picture) -> None:
 
 
 def draw_fig9(table: Table, picture: Picture) -> None:
-    """The paths of the first seed on the floor plan, and landmarks found over time."""
+    """Draw the paths of the first seed on the floor plan, and the landmarks found over time."""
     ground, over_time = picture.subplots(1, 2, width_ratios=(6, 5))
     rows = table.cases[min(table.cases, key=seed_of)]
     draw_walls(ground, load_floorplan(DEFAULT).walls)
@@ -112,7 +110,7 @@ def draw_fig9(table: Table, picture: Picture) -> None:
         ground.plot(own[:, 2], own[:, 3], color=colour, linewidth=1.5, label=f"robot {number + 1}")
         over_time.plot(own[:, 0], own[:, 4], color=colour, label=f"robot {number + 1}")
         over_time.plot(own[:, 0], own[:, 4] + own[:, explore.TOLD], color=colour, linestyle=":")
-    over_time.plot([], [], color="0.4", linestyle=":", label="with those told by others")
+    over_time.plot([], [], color="0.4", linestyle=":", label="including those received from others")
     over_time.axhline(explore.LANDMARKS, color="0.6", linewidth=0.8)
     over_time.set(xlabel="time (s)", ylabel="landmarks found", ylim=(0, explore.LANDMARKS + 4))
     ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.08), ncols=3, frameon=False)
@@ -120,8 +118,8 @@ def draw_fig9(table: Table, picture: Picture) -> None:
 
 
 def draw_table1(table: Table, picture: Picture) -> None:
-    """Ours as boxes over the seeds, the paper's hollow."""
-    for axes, values, paper, words in zip(
+    """Draw our values as boxes over the seeds, and the paper's as hollow markers."""
+    for axes, values, paper, label in zip(
         picture.subplots(1, 2),
         (explore.values_at_end(table, explore.FOUND), 100 * explore.values_at_end(table, explore.AREA)),
         (explore.PAPER_FOUND, explore.PAPER_AREA_PCT),
@@ -132,12 +130,12 @@ def draw_table1(table: Table, picture: Picture) -> None:
         boxes(axes, list(values.T), BLUE, positions=ranks, widths=0.4)
         axes.plot([], [], color=BLUE, label="phalanx, box and 5 to 95 % of seeds")
         axes.plot(ranks, sorted(paper), "o", mfc="none", mec="black", ms=7, label="paper")
-        axes.set(xlabel="robot, by rank", ylabel=words, ylim=(0, None))
+        axes.set(xlabel="robot, by rank", ylabel=label, ylim=(0, None))
         axes.legend(fontsize=8, loc="lower right")
 
 
 def draw_fig10(table: Table, picture: Picture) -> None:
-    """The path, the error over time, the time of each stage."""
+    """Draw the paths, the errors over time, and the time of each stage."""
     plan, _ = fig10.place()
     ground, over_time, stages = picture.subplots(1, 3, width_ratios=(5, 4, 4))
     ground.plot(
@@ -148,7 +146,7 @@ def draw_fig10(table: Table, picture: Picture) -> None:
     over_time.set_ylim(1e-4, 10)
     boxes(stages, [fig10.times_s(table, stage) for stage in fig10.STAGES], BLUE)
     labels = [
-        f"{name.removesuffix('_s').upper()}\n{words.replace(', ', chr(10))}" for name, words in fig10.STAGES.items()
+        f"{name.removesuffix('_s').upper()}\n{stage.replace(', ', chr(10))}" for name, stage in fig10.STAGES.items()
     ]
     stages.set_xticks(range(1, 1 + len(fig10.STAGES)), labels, fontsize=7)
     stages.set(ylabel="time for one picture (s)", yscale="log")

@@ -1,4 +1,4 @@
-"""RoboRebound Figs. 2, 8 and 9: of each case, the distances to the goal over time and the ground."""
+"""Plots of RoboRebound Figs. 2, 8 and 9: for each case, distances to the goal over time, and positions."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from phalanx.papers.table import Table
 from .plot import BLUE, GREEN, GREY, VERMILION, Axes, Picture, banded, draw_obstacles, legend_above
 
 COLOUR = {HONEST: BLUE, LIAR: VERMILION, STOPPED: GREY}
-WORDS = {HONEST: "honest", LIAR: "compromised", STOPPED: "in Safe Mode"}
-# How far from the goal the paper's attacker wants everybody, RoboRebound §5.3.
+LABELS = {HONEST: "honest", LIAR: "compromised", STOPPED: "in Safe Mode"}
+# Distance from the goal at which the paper's attacker keeps the flock, RoboRebound §5.3.
 PAPER_Z_M = 150.0
 MARGIN_M = 40.0
 
 
 def draw_flock(flock: Flock, table: Table, picture: Picture) -> str:
-    """Of each case, the distances over time and the ground. Source: RoboRebound Fig. 8, Fig. 9."""
+    """Draw distances over time and positions for each case. Source: RoboRebound Fig. 8, Fig. 9."""
     runs = runs_of(table)
     seeds = runs.seeds()
     rows = picture.subplots(len(CASES), 2, width_ratios=(7, 5))
@@ -52,8 +52,8 @@ def _draw_over_time(axes: Axes, table: FlockRuns, flock: Flock, run: FlockRun) -
     axes.plot(run.times_s, distances_m[:, ~run.liars], color=BLUE, alpha=0.25, linewidth=0.7)
     axes.plot(run.times_s, distances_m[:, run.liars], color=VERMILION, linewidth=1.2)
     if run.liars.any():
-        named = "the compromised robot" if run.liars.sum() == 1 else f"the {run.liars.sum()} compromised robots"
-        axes.plot([], [], color=VERMILION, linewidth=1.2, label=named)
+        label = "the compromised robot" if run.liars.sum() == 1 else f"the {run.liars.sum()} compromised robots"
+        axes.plot([], [], color=VERMILION, linewidth=1.2, label=label)
         _shade(axes, run)
     means_m = mean_distances_m(table, run.case, goal_m)
     banded(axes, run.times_s, means_m, BLUE, "mean of correct robots, median of seeds", "5 to 95 % of seeds")
@@ -62,19 +62,19 @@ def _draw_over_time(axes: Axes, table: FlockRuns, flock: Flock, run: FlockRun) -
         axes.plot(reference[:, 0], reference[:, 1], "o", mfc="none", mec="black", ms=4, label="independent reference")
     axes.axhline(PAPER_Z_M, color="0.4", linewidth=0.8, linestyle=":")
     axes.text(0, PAPER_Z_M, " paper's z = 150 m", fontsize=7.5, color="0.35", va="bottom")
-    axes.set(xlabel="time (s)", ylabel=f"distance to the goal (m), {_case_words(run)}")
+    axes.set(xlabel="time (s)", ylabel=f"distance to the goal (m), {_case_label(run)}")
     axes.set_xlim(0, run.times_s[-1])
     axes.set_ylim(0, None)
 
 
 def _shade(axes: Axes, run: FlockRun) -> None:
-    """The time in which compromised robots act, as in the paper."""
-    lies = [told for told in run.summary["compromised"] if told["first_deviation_s"] is not None]
+    """Shade the time in which compromised robots act, as in the paper."""
+    lies = [robot for robot in run.summary["compromised"] if robot["first_deviation_s"] is not None]
     if lies:
-        begin_s = min(told["first_deviation_s"] for told in lies)
-        end_s = max(run.times_s[-1] if told["safe_mode_s"] is None else told["safe_mode_s"] for told in lies)
-        words = "it lies" if len(lies) == 1 else "they lie"
-        axes.axvspan(begin_s, end_s, color=VERMILION, alpha=0.15, linewidth=0, label=words)
+        begin_s = min(robot["first_deviation_s"] for robot in lies)
+        end_s = max(run.times_s[-1] if robot["safe_mode_s"] is None else robot["safe_mode_s"] for robot in lies)
+        label = "it lies" if len(lies) == 1 else "they lie"
+        axes.axvspan(begin_s, end_s, color=VERMILION, alpha=0.15, linewidth=0, label=label)
 
 
 def _draw_ground(axes: Axes, flock: Flock, run: FlockRun) -> None:
@@ -85,7 +85,7 @@ def _draw_ground(axes: Axes, flock: Flock, run: FlockRun) -> None:
     for state in (HONEST, LIAR, STOPPED):
         there_m = run.positions_m[-1, run.states[-1] == state]
         if len(there_m):
-            label = f"at {run.times_s[-1]:g} s, {WORDS[state]}"
+            label = f"at {run.times_s[-1]:g} s, {LABELS[state]}"
             axes.plot(there_m[:, 0], there_m[:, 1], "o", color=COLOUR[state], ms=3.5, label=label)
     axes.plot(*goal_m, "x", color=GREEN, ms=9, mew=2.5, label="goal")
     axes.set_aspect("equal")
@@ -94,21 +94,21 @@ def _draw_ground(axes: Axes, flock: Flock, run: FlockRun) -> None:
     axes.set(xlabel="x (m)", ylabel="y (m)", xlim=(left_m, right_m), ylim=(bottom_m, top_m))
 
 
-def _case_words(run: FlockRun) -> str:
+def _case_label(run: FlockRun) -> str:
     liars = int(run.liars.sum())
     return "all honest" if not liars else "with a liar" if liars == 1 else f"with {liars} liars"
 
 
 def draw_fig2(table: Table, picture: Picture) -> str:
-    """Draw Fig. 2."""
+    """Draw RoboRebound Fig. 2."""
     return draw_flock(FIG2, table, picture)
 
 
 def draw_fig8(table: Table, picture: Picture) -> str:
-    """Draw Fig. 8."""
+    """Draw RoboRebound Fig. 8."""
     return draw_flock(FIG8, table, picture)
 
 
 def draw_fig9(table: Table, picture: Picture) -> str:
-    """Draw Fig. 9."""
+    """Draw RoboRebound Fig. 9."""
     return draw_flock(FIG9, table, picture)

@@ -1,4 +1,4 @@
-"""Qrkey Fig. 4: latency over time, and its distribution."""
+"""Plot of Qrkey Fig. 4: latency over time, and its distribution."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MANY_POINTS = 20_000
 
 
 def draw_fig4(table: Table, picture: Picture) -> str:
-    """Latency over time, and its distribution. Source: Qrkey Fig. 4; the paper's points from the text of §V."""
+    """Draw latency over time and its distribution. Source: Qrkey Fig. 4; the paper's points from the text of §V."""
     rows = packets(table)
     over_time, distribution = picture.subplots(1, 2, width_ratios=(6, 5))
     summaries = {kind: summarize(rows[kind]) for kind in KINDS}
@@ -53,7 +53,7 @@ def _draw_over_time(axes: Axes, table: Table, rows: Packets, summaries: dict[Kin
     span_s = max(1, *(summary.sent for summary in summaries.values())) * interval_s
     unit, unit_s = next((unit, unit_s) for least_s, unit, unit_s in TIME_UNITS if span_s >= least_s)
     span = span_s / unit_s
-    # In the order of time, or the kind that is drawn last would hide the other.
+    # In order of time, so that neither kind hides the other.
     every = sorted((row for kind in KINDS for row in rows[kind]), key=lambda row: row.seq)
     back = [(row.seq * interval_s / unit_s, row.latency_ms, row.kind) for row in every if row.latency_ms is not None]
     many = len(back) > MANY_POINTS
@@ -69,13 +69,13 @@ def _draw_over_time(axes: Axes, table: Table, rows: Packets, summaries: dict[Kin
     lost_ms = table.origin["lost_after_s"] * 1000
     if any(summary.lost for summary in summaries.values()):
         axes.text(0.01 * span, lost_ms, "lost:", va="center", fontsize=8)
-    # The means side by side in a margin, for they may well be the same.
+    # Means side by side in the margin, because they may coincide.
     for place, kind in zip((1.04, 1.08), KINDS, strict=True):
         lost = [row.seq * interval_s / unit_s for row in rows[kind] if row.outcome in ("lost", "late")]
         axes.plot(lost, [lost_ms] * len(lost), CROSS[kind], color=COLOUR[kind])
         mean_ms = summaries[kind].mean_ms
-        words = "nothing came back" if mean_ms is None else f"mean {mean_ms:.2f} ms, {len(lost)} lost"
-        axes.plot([place * span], [mean_ms or lost_ms], SHAPE[kind], color=COLOUR[kind], label=f"{kind}: {words}")
+        outcome = "nothing came back" if mean_ms is None else f"mean {mean_ms:.2f} ms, {len(lost)} lost"
+        axes.plot([place * span], [mean_ms or lost_ms], SHAPE[kind], color=COLOUR[kind], label=f"{kind}: {outcome}")
     paper_ms = PAPER["mean_ms"]
     axes.plot(
         [1.12 * span],
@@ -102,7 +102,7 @@ def _draw_distribution(axes: Axes, table: Table, rows: Packets, summaries: dict[
         latencies, shares_pct = _shares_above(decided)
         slow, share_pct = sum(map(is_slow, decided)), summaries[kind].slow_pct
         label = f"{kind}: {slow} of {len(decided)} above {SLOW_MS:g} ms"
-        marker = SHAPE[kind] if share_pct else ""  # nought has no place on a logarithmic axis
+        marker = SHAPE[kind] if share_pct else ""  # zero cannot be drawn on a logarithmic axis
         axes.step(latencies, shares_pct, where="post", color=COLOUR[kind], alpha=0.85)
         axes.plot([SLOW_MS], [share_pct or 100], color=COLOUR[kind], marker=marker, label=label)
     paper_pct = PAPER["slow_pct"]
@@ -115,7 +115,7 @@ def _draw_distribution(axes: Axes, table: Table, rows: Packets, summaries: dict[
 
 
 def _shares_above(decided: Sequence[Row]) -> tuple[list[float], list[float]]:
-    """Latencies in order, and the share of packets above each, percent; a lost packet is above all of them."""
+    """Return the sorted latencies, and the percentage of packets above each; lost packets count as above all."""
     latencies = sorted(row.latency_ms for row in decided if row.latency_ms is not None)
     shares_pct = [100 * (len(decided) - i) / len(decided) for i in range(1, len(latencies) + 1)]
     return [*latencies[:1], *latencies], [100.0] * bool(latencies) + shares_pct

@@ -1,4 +1,4 @@
-"""Draw a mission: walls, landmarks, ways, and the paths of robots that lived it."""
+"""Draw a mission: walls, landmarks, ways, and the recorded paths of robots."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ COLOURS = {
 }
 OTHER = "#000000"
 ARROW_M = 0.8
-# True path, estimate, odometry alone: what a trace holds after its time.
+# Paths in a report's trace, in the order after its time.
 PATHS = (("true path", "black", "-", 1.6), ("estimate", VERMILION, "--", 1.0), ("odometry alone", "#56B4E9", ":", 1.0))
 
 
 def check_drawable(out: Path) -> None:
-    """Refuse a picture that cannot be drawn. Raises: UsageError: neither PNG nor SVG. Unavailable: no matplotlib."""
+    """Check that a picture can be drawn. Raises: UsageError: neither PNG nor SVG. Unavailable: no matplotlib."""
     if out.suffix.lower() not in FORMATS:
-        raise UsageError(f"{out} is neither PNG nor SVG", "--out mission.svg")
+        raise UsageError(f"{out} is neither PNG nor SVG", "use --out mission.svg")
     if importlib.util.find_spec("matplotlib") is None:
-        raise Unavailable("matplotlib is not installed, nothing can be drawn", MATPLOTLIB_HINT)
+        raise Unavailable("matplotlib is not installed, which is needed to draw", MATPLOTLIB_HINT)
 
 
 def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path, reports: Sequence[Report] = ()) -> None:
-    """Draw a mission, on a plan if there is one, with the traces of reports. Raises: UsageError, Unavailable."""
+    """Draw a mission with the traces of `reports`, on a floor plan if given. Raises: UsageError, Unavailable."""
     check_drawable(out)
-    from matplotlib.figure import Figure  # noqa: PLC0415  # only who draws needs it
+    from matplotlib.figure import Figure  # noqa: PLC0415  # optional
 
     figure = Figure(figsize=(9, 9), layout="constrained")
     axes = figure.add_subplot()

@@ -1,1 +1,1 @@
-"""The scorecard: every attack against every defence in every protocol, and what came of it."""
+"""Scorecard: every attack against every defence in every protocol, with the outcomes."""

@@ -1,4 +1,4 @@
-"""One run of the scorecard: what an attack came to, as a row of the same form wherever it was tried."""
+"""One run of the scorecard: the outcome of an attack, as a row of the same form in every protocol."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ from phalanx.world.swarms.protected import DEMO, EDGE_MM, ProtectedSwarm
 from .plan import AT_S, HONEST_KEPT, WATCHED_S, WHEELS, Bout
 
 ROBOTS = 12
-STEP_S, ORDERS_S = 0.05, 5.0  # each robot is sent somewhere else so often
+STEP_S, ORDERS_S = 0.05, 5.0  # step of the simulation; period of new orders for each robot
 NEAR_MM = 60.0
-# What a run comes to; Arrow's types.
+# Columns of a run's outcome, with Arrow's types.
 OUTCOME = {
-    "declared": "string",  # what the attack says that this defence makes of it
+    "declared": "string",  # verdict that the attack declares for this defence
     "harm": "double",
     "harm_unit": "string",
-    "bites_from": "double",  # from so much harm on, the attack calls it a bite
+    "bites_from": "double",  # least harm that the attack counts as a bite
     "liars": "int64",
-    "deviated": "int64",  # compromised robots that did what no honest robot would
-    "stopped": "int64",  # of these, those in Safe Mode; of a robot on its own mission, whether it refuses or holds
+    "deviated": "int64",  # compromised robots that deviated from an honest robot's behaviour
+    "stopped": "int64",  # of these, those in Safe Mode; for a single robot's mission, 1 if it refuses or holds
     "slowest_stop_s": "double",  # from the first deviation to Safe Mode
-    "bound_s": "double",  # of that; none where nothing is promised
+    "bound_s": "double",  # promised limit for slowest_stop_s; none without a promise
     "correct_stopped": "int64",
-    "missed": "string",  # which promises were not kept; "" if all were
-    "audit_bytes_per_s": "double",  # that a robot sends with nobody lying, with each try of the radio
-    "audit_airtime_pct": "double",  # share of the time that these are on the air
+    "missed": "string",  # broken promises; "" if there are none
+    "audit_bytes_per_s": "double",  # sent by one robot without attack, each radio attempt counted
+    "audit_airtime_pct": "double",  # share of the time that these packets occupy the channel
     "digest": "string",
     "cpu_s": "double",
 }
 
 
 def run_bout(bout: Bout) -> dict[str, Any]:
-    """The row of a run. What a researcher's own file prints goes to stderr."""
+    """Run one bout and return its row. Output printed by a user's own file goes to stderr."""
     begun_s = time.thread_time()
     with contextlib.redirect_stdout(sys.stderr), mistakes_in(bout.attack, bout.controller):
         spec = find_attack(bout.attack)
@@ -62,17 +62,17 @@ def run_bout(bout: Bout) -> dict[str, Any]:
         if "at=" not in bout.attack:
             spec = replace(spec, at_s=AT_S)
         if bout.scenario:
-            told = _in_flock(bout, spec, bout.scenario)
+            outcome = _in_flock(bout, spec, bout.scenario)
         elif bout.protocol == WHEELS:
-            told = try_on_wheels(spec, bout.defence, bout.seed, AT_S + WATCHED_S)
+            outcome = try_on_wheels(spec, bout.defence, bout.seed, AT_S + WATCHED_S)
         elif attack.scene == "team":
-            told = _in_team(try_in_team(attack, bout.defence, bout.seed))
+            outcome = _in_team(try_in_team(attack, bout.defence, bout.seed))
         else:
-            told = _on_errand(try_mission_attack(attack, bout.defence, bout.seed, spec.options))
-    told["missed"] = "; ".join(words for words, is_so in told["missed"].items() if is_so)
+            outcome = _on_errand(try_mission_attack(attack, bout.defence, bout.seed, spec.options))
+    outcome["missed"] = "; ".join(label for label, is_so in outcome["missed"].items() if is_so)
     usual = {"declared": attack.verdicts[bout.defence], "harm_unit": attack.harm.unit, "bites_from": attack.bites_from}
     usual |= {"liars": 1, "deviated": 1, "correct_stopped": 0}
-    return dict.fromkeys(OUTCOME) | usual | told | {"cpu_s": time.thread_time() - begun_s}
+    return dict.fromkeys(OUTCOME) | usual | outcome | {"cpu_s": time.thread_time() - begun_s}
 
 
 @lru_cache(HONEST_KEPT)
@@ -137,7 +137,7 @@ def _in_team(trial: TeamTrial) -> dict[str, Any]:
 
 def _on_errand(trial: MissionTrial) -> dict[str, Any]:
     attacked = trial.attacked
-    # Who guesses a captured file stands before no robot.
+    # An attack on a captured file involves no robot.
     stopped = bool(
         getattr(attacked, "refused", "") or (getattr(attacked, "held", False) and trial.declared == "stopped")
     )
@@ -149,7 +149,7 @@ def _on_errand(trial: MissionTrial) -> dict[str, Any]:
 
 
 def drive(defence: Defence, seed: int, seconds: float, spec: AttackSpec | None = None) -> ProtectedSwarm:
-    """The swarm after so many seconds; one that the seed chooses lies as `spec` says, if there is one."""
+    """Return the swarm after that many seconds; if there is a `spec`, a robot chosen by the seed is compromised."""
     swarm = ProtectedSwarm(ROBOTS, seed, lambda: 0.0, defence=defence)
     chance = np.random.default_rng([seed, 0x77686C])
     addresses = [robot.address for robot in swarm.robots()]
@@ -171,15 +171,15 @@ def _honest_drive(defence: Defence, seed: int, seconds: float) -> ProtectedSwarm
 
 
 def try_on_wheels(spec: AttackSpec, defence: Defence, seed: int, seconds: float) -> dict[str, Any]:
-    """Return the row of an attack on the demo's robots, beside the same drive in which nobody lies.
+    """Return the row of an attack on the demo's robots, compared with the same drive without attack.
 
-    They do not make way for each other, so that damage is how often robots touch.
+    The robots do not avoid each other, so that harm is the number of further contacts.
     """
     if spec.at_s >= seconds:
-        raise UsageError(f"{spec.name} begins at {spec.at_s:g} s, when the run is over", f"before {seconds:g} s")
+        raise UsageError(f"{spec.name} begins at {spec.at_s:g} s, when the run is over", f"use at= below {seconds:g}")
     swarm, honest = drive(defence, seed, seconds, spec), _honest_drive(defence, seed, seconds)
     ((i, liar),) = swarm.liars.items()
-    assert isinstance(liar, Liar), "who was compromised lies"
+    assert isinstance(liar, Liar), "a compromised robot is a Liar"
     world = swarm.world
     boot_ms, safe_us = int(world.boot_us[i]) // 1000, int(world.safe_us[i])
     promised = defence != "none" and spec.attack.verdicts[defence] == "stopped"

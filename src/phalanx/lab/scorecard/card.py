@@ -20,9 +20,9 @@ from phalanx.net.private_file import write_whole
 from phalanx.robot.adversary.registry import attacks as known_attacks
 
 COLOURS: dict[str, str] = dict(zip(DEFENCES, (VERMILION, ORANGE, BLUE), strict=True))
-WORDS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (hardened)"), strict=True))
+LABELS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (hardened)"), strict=True))
 SHIFT: dict[str, float] = dict(zip(DEFENCES, (-0.25, 0.0, 0.25), strict=True))
-# Of what counts as a bite: less is drawn at the axis, more at the edge.
+# Range of the harm axis, relative to the least harm that counts as a bite; values outside are drawn at its ends.
 LEAST, MOST = 0.01, 300.0
 ROW_IN, HEAD_IN = 0.24, 2.4
 
@@ -34,29 +34,29 @@ class Line:
     protocol: str
     attack: str
     defence: str
-    declared: str  # what the attack says that this defence makes of it
+    declared: str  # verdict that the attack declares for this defence
     runs: int
     harm: float | None  # median
     harm_worst: float | None
-    harm_undefended: float | None  # median of the same with defence none
+    harm_undefended: float | None  # median with defence none
     harm_unit: str
-    bites_from: float  # from so much on, the attack calls it a bite
-    deviated: int  # compromised robots that did what no honest robot would
+    bites_from: float  # least harm that the attack counts as a bite
+    deviated: int  # compromised robots that deviated from an honest robot's behaviour
     stopped: int  # of these
-    stop_median_s: float | None  # from the first deviation to Safe Mode, of a run's slowest
+    stop_median_s: float | None  # from the first deviation to Safe Mode, median over runs of the slowest stop
     stop_worst_s: float | None
     bound_s: float | None
-    correct_stopped: int  # robots, all runs
-    cost_bytes_per_s: float | None  # that a robot's audits send, with each try of the radio
-    cost_airtime_pct: float | None  # share of the time that these are on the air
-    misses: int  # runs in which something promised was not kept
-    missed: str  # what, and in how many
+    correct_stopped: int  # number of robots over all runs
+    cost_bytes_per_s: float | None  # sent by one robot for audits, each radio attempt counted
+    cost_airtime_pct: float | None  # share of the time that these packets occupy the channel
+    misses: int  # runs in which a promise was broken
+    missed: str  # the broken promises, each with the number of runs
 
 
 def lines(rows: Iterable[Mapping[str, Any]]) -> list[Line]:
-    """Return the table of a store's rows; of two of the same seed, the later one counts: its attack was changed since.
+    """Return the table of a store's rows. Of two rows with the same seed the later one counts: its attack was changed.
 
-    Raises: UsageError: a row is of a defence that there is not.
+    Raises: UsageError: a row has an unknown defence.
     """
     newest = {tuple(row[name] for name in ("protocol", "attack", "defence", "seed")): row for row in rows}
     of: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
@@ -78,7 +78,7 @@ def _line(point: tuple[str, str, str], of: list[Mapping[str, Any]], undefended: 
 
     harms, stops, costs = values("harm"), values("slowest_stop_s"), values("audit_bytes_per_s")
     airtimes = values("audit_airtime_pct")
-    missed = Counter(words for row in of for words in row["missed"].split("; ") if words)
+    missed = Counter(promise for row in of for promise in row["missed"].split("; ") if promise)
     protocol, attack, defence = point
     return Line(
         protocol=protocol,
@@ -100,12 +100,12 @@ def _line(point: tuple[str, str, str], of: list[Mapping[str, Any]], undefended: 
         cost_bytes_per_s=median(costs) if costs else None,
         cost_airtime_pct=median(airtimes) if airtimes else None,
         misses=sum(bool(row["missed"]) for row in of),
-        missed="; ".join(f"{words} ({count})" for words, count in missed.items()),
+        missed="; ".join(f"{promise} ({count})" for promise, count in missed.items()),
     )
 
 
 def write_csv(path: Path, table: Iterable[Line]) -> None:
-    """The CSV holds the table. Raises: Unavailable: it cannot be written."""
+    """Write the table as CSV. Raises: Unavailable: the file cannot be written."""
     file = io.StringIO(newline="")
     writer = csv.DictWriter(file, [each.name for each in fields(Line)], lineterminator="\n")
     writer.writeheader()
@@ -116,16 +116,16 @@ def write_csv(path: Path, table: Iterable[Line]) -> None:
 
 
 def draw_card(folder: Path, table: Sequence[Line], version: str) -> list[Path]:
-    """The PNGs and SVGs of all protocols in a table.
+    """Draw a PNG and an SVG for each protocol in the table, and return their paths.
 
     Raises: Unavailable: matplotlib is missing, or the disk is full.
     """
-    made: list[Path] = []
+    paths: list[Path] = []
     for protocol in dict.fromkeys(line.protocol for line in table):
         of = [line for line in table if line.protocol == protocol]
         name = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in protocol)
-        made += _draw(folder / f"scorecard-{name}", protocol, of, version)
-    return made
+        paths += _draw(folder / f"scorecard-{name}", protocol, of, version)
+    return paths
 
 
 def _draw(stem: Path, protocol: str, of: Sequence[Line], version: str) -> tuple[Path, Path]:
@@ -157,11 +157,11 @@ def _draw(stem: Path, protocol: str, of: Sequence[Line], version: str) -> tuple[
     runs, misses = sum(line.runs for line in of), sum(line.misses for line in of)
     costs = [line.cost_bytes_per_s for line in of if line.defence == "hardened" and line.cost_bytes_per_s]
     cost = f"; audits send {np.median(costs) / 1000:.2f} kB/s a robot" if costs else ""
-    footer = f"{runs} runs, {misses} with a promise that was not kept{cost}\nphalanx {version}"
-    return finish(picture, f"Every attack on {protocol}, without a defence, with the paper's, with ours", footer, stem)
+    footer = f"{runs} runs, {misses} with a broken promise{cost}\nphalanx {version}"
+    return finish(picture, f"Every attack on {protocol} without defence, with the paper's, with ours", footer, stem)
 
 
 def _legend(axes: Axes, of: Sequence[Line]) -> None:
     for defence in dict.fromkeys(line.defence for line in of):
-        axes.plot([], [], "o-", color=COLOURS[defence], ms=4, label=WORDS[defence])
+        axes.plot([], [], "o-", color=COLOURS[defence], ms=4, label=LABELS[defence])
     legend_above(axes, columns=3)

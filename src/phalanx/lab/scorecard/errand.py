@@ -1,7 +1,7 @@
-"""A small building and an errand in it: on this, attacks on missions are tried.
+"""Small building and mission on which attacks on missions are tried.
 
-Three rooms lie in a row, with doors between them. A code on the far wall of the third says which shelf it is. What is
-picked there is handed over at a door in the side, when a controller has released it.
+Three rooms in a row are connected by doors. A code on the far wall of the third identifies the shelf. The robot picks
+goods there, and hands them over at a side door after a controller's release message.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from phalanx.config.mission import CodingConfig
 from phalanx.mission import Action, Draft, Landmark, Mission, Position
 from phalanx.mission.landmarks import FloorPlan, WallCode, floorplan_of_yaml
 
-# What an adversary must search who knows no more than how large the building may be.
+# Area that an adversary must search who knows only an upper limit for the size of the building.
 AREA_M = (0.0, 0.0, 40.0, 40.0)
 START = (1.5, 2.0, 0.0)
-TOKEN = "7d1f0c52a9e84b3666c0e2f1b8d49a07"  # noqa: S105  # hangs on a wall
+TOKEN = "7d1f0c52a9e84b3666c0e2f1b8d49a07"  # noqa: S105  # printed on a wall
 RELEASED = "goods-released"
 SHELF_WITHIN_M, DOOR_WITHIN_M = 3.0, 2.5
 TIMEOUT_S = 15
@@ -40,14 +40,14 @@ walls:
 
 @cache
 def building() -> FloorPlan:
-    """The three rooms, with the code where it belongs."""
+    """Return the three rooms, with the code on the wall of the third."""
     code = WallCode(TOKEN, _SHELF.x_m - 0.01, _SHELF.y_m, 0.3, math.pi)
     plan = floorplan_of_yaml(_BUILDING)
     return FloorPlan(plan.name, plan.walls, plan.outlines, plan.bounds, plan.start, (code,))
 
 
 def errand(coding: CodingConfig | None = None) -> Mission:
-    """Fetch and hand over."""
+    """Return the mission: fetch from the shelf and hand over."""
     draft = Draft("errand", coding=coding, area_m=AREA_M)
     draft.node("start", Position(*START[:2]), start=True, timeout_s=TIMEOUT_S)
     draft.node("first door", Landmark("doorway", 5.0, 3.0, math.pi / 2), within_m=DOOR_WITHIN_M, timeout_s=TIMEOUT_S)
@@ -67,7 +67,7 @@ def errand(coding: CodingConfig | None = None) -> Mission:
 
 
 def shelf_mission(coding: CodingConfig | None = None) -> Mission:
-    """The node with the token as a mission of its own: whoever has its start key has all that leads there."""
+    """Return the node with the token as a separate mission, whose start key reveals everything but the token."""
     draft = Draft("shelf", coding=coding)
     draft.node("shelf", _SHELF, do=Action("pick"), within_m=SHELF_WITHIN_M, start=True)
     return draft.mission()

@@ -1,4 +1,4 @@
-"""One attack against one defence, beside the same run without it: what it did, when it was stopped, and the bound."""
+"""Run one attack against one defence, and the same scenario without it: harm, time of the stop, and its bound."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from phalanx.world.radio.channel import AIRTIME_US, AUDIT_BROADCAST, AUDIT_UNICA
 from phalanx.world.scenarios.play import play
 from phalanx.world.scenarios.run import Run
 
-# Verdicts with which correct robots are promised to go on; elsewhere the harm is what the attack is about.
+# Verdicts that promise that correct robots keep running; other verdicts promise nothing.
 PROMISED = ("stopped", "limited", "harmless")
 MS = 1000.0
 US = 1e6
@@ -28,16 +28,16 @@ US = 1e6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """Result of an attack."""
+    """Result of an attack against a defence."""
 
     attack: str
     defence: str
-    declared: str  # what the attack says that this defence makes of it
-    harm: float | None  # what the attack measures of its damage, in `harm_unit`; None if nobody is left to be harmed
+    declared: str  # verdict that the attack declares for this defence
+    harm: float | None  # in `harm_unit`, as the attack measures it; None if all robots are compromised
     harm_unit: str
     harm_words: str
-    harm_bites_from: float  # from so much on, the attack calls it a bite
-    attacked: Any  # what became of those that were attacked, and of the same that nobody attacks
+    harm_bites_from: float  # least harm that the attack counts as a bite
+    attacked: Any  # outcome with the attack, and without it
     honest: Any
 
 
@@ -58,26 +58,26 @@ class Stop:
     """Outcome of one compromised robot."""
 
     robot: int
-    first_deviation_s: float | None  # when it first did what an honest robot would not; None if it never did
-    safe_mode_s: float | None  # when it was put in Safe Mode; None if it never was
-    output_missing: bool = False  # whether that deviation was an output that was missing or late
+    first_deviation_s: float | None  # first deviation from an honest robot's behaviour; None if there was none
+    safe_mode_s: float | None  # start of Safe Mode; None if it never was stopped
+    output_missing: bool = False  # the deviation was a missing or late output
 
     @property
     def after_s(self) -> float | None:
-        """From deviation to Safe Mode; None if one of them is missing."""
+        """Return the time from deviation to Safe Mode; None if one of them did not happen."""
         if self.first_deviation_s is None or self.safe_mode_s is None:
             return None
         return self.safe_mode_s - self.first_deviation_s
 
     def is_in_time(self, bound_s: float | None, now_s: float) -> bool:
-        """Return whether the stop came in time; one still missing at the end of the run may not be late yet."""
+        """Return whether the stop met the bound; at the end of the run a missing stop may not be overdue yet."""
         if self.first_deviation_s is None or bound_s is None:
             return True
         return (now_s if self.safe_mode_s is None else self.safe_mode_s) - self.first_deviation_s <= bound_s
 
 
 class Sent(NamedTuple):
-    """Airtime a robot has used until `at_s`: of its AUDIT packets, and of all; retries count."""
+    """Airtime that a robot used until `at_s`, by AUDIT packets and by all packets; retries count."""
 
     at_s: float
     audit_s: float
@@ -86,75 +86,75 @@ class Sent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Airtime:
-    """Airtime of AUDIT packets that a compromised robot's a-node let out, and its limit."""
+    """Airtime of AUDIT packets that a compromised robot's a-node passed on, and its limit."""
 
     robot: int
-    seconds: float  # from the last quarter of a second before it lied to the end, or to Safe Mode
+    seconds: float  # from the last quarter of a second before the attack to the end, or to Safe Mode
     used_s: float  # retries count
-    bucket_s: float  # a full bucket, and what has flowed in since
-    on_air_s: float  # all tries of all its packets
+    bucket_s: float  # a full token bucket, plus the inflow since
+    on_air_s: float  # all attempts of all packets of the robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlockTrial(Trial):
-    """Result of an attack by robots of a flock; the harm is that of the worst compromised robot.
+    """Result of an attack by robots of a flock; the harm is that of the worst attacker.
 
-    `attacked` and `honest` are both runs' summaries; `honest` has the same robots and the same seed, and nobody lies.
+    `attacked` and `honest` are the summaries of two runs with the same robots and seed; `honest` has no attack.
     """
 
-    # Deviation to Safe Mode, at most, of a robot that did something wrong; None where nothing is promised.
+    # Largest time from a wrong action to Safe Mode; None without a promise.
     bound_s: float | None
-    stops: tuple[Stop, ...]  # of each compromised robot
-    # Mean distance to the goal, without the attack, of the robots that are correct with it.
+    stops: tuple[Stop, ...]  # one per compromised robot
+    # Mean distance to the goal in the honest run, over robots that are correct in the attacked run.
     honest_distance_m: float | None
-    missing_s: float = 0.0  # so much longer than `bound_s` for a robot that first deviated by what it did not do
-    airtime: tuple[Airtime, ...] = ()  # of each liar, where the attack is declared limited
-    idle: tuple[str, ...] = ()  # options that were given and make no difference under this defence
-    # Correct robots that were stopped although they had a quorum; None where that is not promised.
+    missing_s: float = 0.0  # extension of `bound_s` for a robot whose first deviation was a missing output
+    airtime: tuple[Airtime, ...] = ()  # one per liar if the attack is declared limited
+    idle: tuple[str, ...] = ()  # given options that have no effect under this defence
+    # Correct robots that were stopped although they had a quorum; None without a promise.
     wronged: tuple[int, ...] | None = None
 
     def bound_of(self, stop: Stop) -> float | None:
-        """This robot's own bound, s, to the millisecond; None where nothing is promised."""
+        """Return this robot's bound in seconds, rounded to milliseconds; None without a promise."""
         return None if self.bound_s is None else round(self.bound_s + self.missing_s * stop.output_missing, 3)
 
     @property
     def stopped_in_time(self) -> bool | None:
-        """Return whether each robot that deviated was stopped within its bound; None where nothing is promised."""
+        """Return whether each robot that deviated was stopped within its bound; None without a promise."""
         if self.bound_s is None:
             return None
         return all(stop.is_in_time(self.bound_of(stop), self.attacked["duration_s"]) for stop in self.stops)
 
     @property
     def within_buckets(self) -> bool | None:
-        """Return whether each a-node kept to its bucket; None where no bucket is declared as the limit."""
+        """Return whether each a-node enforced its token bucket; None if no bucket is declared as the limit."""
         return all(each.used_s <= each.bucket_s for each in self.airtime) if self.airtime else None
 
     @property
     def broken(self) -> bool:
-        """Return whether something that is promised was not kept."""
+        """Return whether any promise was broken."""
         return self.stopped_in_time is False or self.within_buckets is False or bool(self.wronged)
 
 
 def is_promised(scenario: Scenario) -> bool:
-    """Return whether anything is promised: not without a defence, nor with more than f_max liars."""
+    """Return whether the promises hold: there is a defence, and at most f_max robots attack."""
     return scenario.defence != "none" and len(scenario.attacks) <= scenario.bti.f_max
 
 
 def stop_bound_s(scenario: Scenario, *, output_missing: bool) -> float | None:
-    """Return the seconds from deviation to Safe Mode; None where nothing is promised."""
+    """Return the bound for the time from deviation to Safe Mode in seconds; None without a promise."""
     if not is_promised(scenario):
         return None
     return scenario.bti.stop_bound_ms(output_missing=output_missing) / MS
 
 
 def sent(run: Run, i: int) -> Sent:
-    """Return the airtime robot `i` has used so far. Source: docs/spec/rebound-nodes.md (limits)."""
+    """Return the airtime that robot `i` has used so far. Source: docs/spec/rebound-nodes.md (limits)."""
     audit_us = sum(int(run.world.air.counts[i, row, AIRTIME_US]) for row in (AUDIT_BROADCAST, AUDIT_UNICAST))
     return Sent(run.now_s, audit_us / US, float(run.airtime_s[i]))
 
 
 def airtime_since(run: Run, i: int, before: Sent) -> Airtime:
-    """Return the airtime robot `i` has used since then, and its a-node's limit. Source: docs/spec/rebound-nodes.md."""
+    """Return the airtime of robot `i` since `before`, and its a-node's limit. Source: docs/spec/rebound-nodes.md."""
     limits, now, safe_us = limits_of(run.scenario.bti, run.scenario.radio), sent(run, i), int(run.world.safe_us[i])
     seconds = (now.at_s if safe_us < 0 else safe_us / US) - before.at_s
     return Airtime(
@@ -172,17 +172,16 @@ def try_attack(
     controller: Callable[[int], Controller] | None = None,
     honest: Run | None = None,
 ) -> FlockTrial:
-    """Both runs of a scenario with one kind of attack: as it is, and without; `on_step` is told which, attacked or
-    honest.
+    """Run a scenario with one kind of attack, with and without the attack.
 
-    A researcher's own `controller` is made for each robot's id; None is the scenario's bundled one. `honest` is the run
-    without an attack, where somebody has it already.
+    `on_step` receives "attacked" or "honest", and the run. `controller` makes a robot's own controller from its id;
+    None is the scenario's bundled one. `honest` is the run without attack, if it exists already.
 
-    Raises: UsageError: nobody attacks, or in different ways.
+    Raises: UsageError: there is no attack, or there are different ones.
     """
     names = {spec.attack.name for spec in scenario.attacks}
     if len(names) != 1:
-        raise UsageError(f"{len(names)} kinds of attack in a trial", "one: its damage is compared with none")
+        raise UsageError(f"{len(names)} kinds of attack in a trial", "use exactly one kind")
     attack = scenario.attacks[0].attack
     declared = attack.verdicts[scenario.defence]
     at_s = min(spec.at_s for spec in scenario.attacks)
@@ -205,8 +204,8 @@ def try_attack(
         **trial_fields(attack, scenario.defence) | _harm(attack, liars, attacked, honest),
         bound_s=promised_s,
         stops=tuple(
-            Stop(told["robot"], told["first_deviation_s"], told["safe_mode_s"], liar.output_missing)
-            for told, liar in zip(summary["compromised"], liars, strict=True)
+            Stop(robot["robot"], robot["first_deviation_s"], robot["safe_mode_s"], liar.output_missing)
+            for robot, liar in zip(summary["compromised"], liars, strict=True)
         ),
         attacked=summary,
         honest=honest.summary(),
@@ -219,11 +218,11 @@ def try_attack(
 
 
 def _harm(attack: Attack, liars: Sequence[Liar], attacked: Run, honest: Run) -> dict[str, Any]:
-    """The damage to others; where they have a task, who is led astray is measured by that."""
+    """Return the harm to other robots; if they have a task, attacks that lead astray are measured by its score."""
     if len(liars) == len(attacked.ids):
         return {"harm": None}
     if attacked.stage and honest.stage and attack.harm is ASTRAY:
         stage = attacked.stage
-        told = {"harm_unit": stage.counts, "harm_words": stage.lost, "harm_bites_from": stage.bites_from}
-        return told | {"harm": stage.lost_beside(honest.stage, attacked.compromised)}
+        found = {"harm_unit": stage.counts, "harm_words": stage.lost, "harm_bites_from": stage.bites_from}
+        return found | {"harm": stage.lost_beside(honest.stage, attacked.compromised)}
     return {"harm": max(attack.harm.of(liar, attacked, honest) for liar in liars)}

@@ -1,8 +1,8 @@
-"""One attack on a mission against one defence, beside the same errand without it; and whether the verdict is borne out.
+"""Run one attack on a mission against one defence, and the same mission without it; check the declared verdict.
 
-The defences: a robot with `none` follows the same mission as a plain graph, and believes what it senses. With `paper`
-it has the paper profile, unsigned, and runs whatever it gets. With `hardened`, ours, the mission is sealed, signed,
-bound to this robot and to a window of time, and started once.
+With defence `none` the robot follows the mission as a plain graph, and believes its sensors. With `paper` the mission
+has the paper profile, is unsigned, and the robot runs whatever it receives. With `hardened`, ours, the mission is
+sealed, signed, bound to this robot and to a time window, and can be started once.
 """
 
 from __future__ import annotations
@@ -54,51 +54,51 @@ ROBOT, OTHER, ADVERSARY = 1, 2, 3
 DAY_S = 86_400
 NOW_S = DAY_S + 3600.0
 DURATION_S = 150.0
-# A node that a robot takes for reached farther than this from where it believes to be was another place.
+# If the robot believes to be at a node at more than this distance, it was deceived.
 FALSE_NODE_M = 1.0
-# A thing done so much farther off than from where its node counts was done elsewhere.
+# An action done at more than its node's distance plus this is a wrong action.
 ELSEWHERE_M = 1.0
 OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 NOISE = OdometryNoise(0.03, 0.05)
 ROBOT_CONFIG = MissionConfig(timeout_s=15.0)
-# What a try costs decides how long guessing takes (`try_guess`), and nothing here.
+# The cost per try determines the duration of guessing (`try_guess`), and does not matter here.
 CHEAP = CodingConfig(delta_mm=400, kdf_log2_n=2)
 NO_PEOPLE = np.zeros((0, 3))
 LATEST_S = 3600.0
 SEALED = CodingConfig(delta_mm=400)
-OUT_OF_REACH = 2.0**100  # tries that nobody makes
+OUT_OF_REACH = 2.0**100  # number of tries that is infeasible
 
 
 @dataclass(frozen=True, slots=True)
 class Operator:
     """Operator that sends missions; two with the same seed send the same bytes."""
 
-    defence: Defence  # decides in which form
-    seed: int  # of ids, gates and secrets. A simulation's secrets keep nobody out.
+    defence: Defence  # determines the form of the missions
+    seed: int  # of ids, gates and secrets; simulated secrets need no protection
 
     def send(self, mission: Mission, robot: int, day: int) -> Sent:
-        """Return the file for a robot on a day, and the controller's messages."""
+        """Return the mission's file, key and controller messages for a robot on a day."""
         random = np.random.default_rng([self.seed, robot, day]).bytes
         if self.defence == "hardened":
             options = BuildOptions(robots=(robot,), valid_from_s=day * DAY_S, valid_to_s=(day + 1) * DAY_S)
-            (made,) = build(replace(mission, coding=mission.coding or CHEAP), options, random)
-            encoded = sign(made.mission, OPERATOR)
+            (built,) = build(replace(mission, coding=mission.coding or CHEAP), options, random)
+            encoded = sign(built.mission, OPERATOR)
         else:
-            (made,) = build(mission, BuildOptions(profile=Profile.PAPER), random)
-            encoded = made.mission
-        messages = made.key.messages
-        said = (name.encode() for name in messages) if self.defence == "none" else messages.values()
-        return Sent(mission, encoded.encode(), made.key.encode(), tuple(said))
+            (built,) = build(mission, BuildOptions(profile=Profile.PAPER), random)
+            encoded = built.mission
+        messages = built.key.messages
+        messages_sent = (name.encode() for name in messages) if self.defence == "none" else messages.values()
+        return Sent(mission, encoded.encode(), built.key.encode(), tuple(messages_sent))
 
 
 def admitted(
     sent: Sent, defence: Defence, now_s: float, started: Collection[bytes] = (), *, checked: bool = True
 ) -> Walker:
-    """The walker of a robot that got this mission, and has started those with the ids `started` before.
+    """Return the walker of a robot that received this mission, with the ids `started` of earlier missions.
 
-    Not `checked`, a robot of ours looks at no signature, name, window or id: what else stops an attack then.
+    If not `checked`, the hardened robot ignores signature, recipient, time window and id, to test the other defences.
 
-    Raises: PeerError: it refuses the mission.
+    Raises: PeerError: the robot refuses the mission.
     """
     if defence == "none":
         return PlainWalker(sent.plain, ROBOT_CONFIG)
@@ -112,20 +112,20 @@ def admitted(
 
 
 class _SpoofedLidar(Lidar):
-    """A lidar that shows what an attack makes of its scans."""
+    """Lidar whose scans an attack may replace."""
 
     def __init__(self, plan: FloorPlan, attack: Between) -> None:
         super().__init__(plan.walls)
         self._attack = attack
 
     def sweep(self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = NO_PEOPLE) -> LaserScan:
-        """A scan from a pose, or whatever the attack says."""
+        """Return the scan from a pose, or the attack's replacement."""
         true = super().sweep
         return self._attack.scan(pose, lambda at: true(at, random, people))
 
 
 class _Witness:
-    """Watches a robot with the world's eyes."""
+    """Observer that compares a robot's beliefs and actions with the simulated truth."""
 
     def __init__(self, robot: MissionRobot, ordered: Iterable[Node]) -> None:
         self._robot = robot
@@ -139,7 +139,7 @@ class _Witness:
         self.worst_fix_m = 0.0
 
     def look(self) -> None:
-        """Judge what came since the last look."""
+        """Evaluate the robot's report since the last call."""
         report, before = self._robot.report, self._seen
         self._seen = len(report.decoded), len(report.actions), len(report.pose_error_m)
         error_m = report.pose_error_m[-1]
@@ -157,7 +157,7 @@ class _Witness:
 
 
 def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> ErrandOutcome:
-    """Run a robot's errand with an attack between it and the world; `checked` as for `admitted`."""
+    """Run a robot's mission with an attack on its communication and sensors; `checked` as in `admitted`."""
     sent = attack.deliver(today)
     now_s = NOW_S + attack.clock_s
     try:
@@ -175,21 +175,21 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
     witness = _Witness(
         robot, [node for node in errand().nodes if attack.ordered and (attack.released or not node.wait)]
     )
-    said = sent.said if attack.released else ()
+    messages = sent.said if attack.released else ()
     for step in range(round(DURATION_S / STEP_S)):
         attack.now_s = step * STEP_S
         robot.body.wheels.left, robot.body.wheels.right = attack.wheels()
-        robot.hears = attack.messages(said if not step else ())
+        robot.hears = attack.messages(messages if not step else ())
         world.advance(attack.now_s + STEP_S)
         witness.look()
         if robot.controller.over:
             break
     (report,) = world.finish()
-    walked = robot.controller.memory.walk
-    place = None if walked.at is None else sent.plain.nodes[walked.at].place
+    final_state = robot.controller.memory.walk
+    place = None if final_state.at is None else sent.plain.nodes[final_state.at].place
     return ErrandOutcome(
         done=report.done,
-        held=walked.phase is Phase.HELD,
+        held=final_state.phase is Phase.HELD,
         decoded=tuple(node for _, node in report.decoded),
         false_nodes=witness.false_nodes,
         actions=tuple(action for _, action in report.actions),
@@ -204,7 +204,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
 
 
 def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, float | str]) -> MissionPlan:
-    """Return the plan of an adversary that has listened since yesterday."""
+    """Return the plan of an adversary who has eavesdropped since yesterday."""
     operator = Operator(defence, seed)
     return MissionPlan(
         start_s=start_s,
@@ -218,7 +218,7 @@ def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, f
 
 @cache
 def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> ErrandOutcome:
-    """Run an errand without an attack; without a release the robot waits for it and gives up."""
+    """Run the mission without attack; without a release the robot waits for it and gives up."""
     today = Operator(defence, seed).send(errand(), ROBOT, 1)
     nobody = Between(plan_of(defence, seed, 0.0, {}))
     return walk(nobody, today if released else replace(today, said=()), defence, seed)
@@ -228,44 +228,44 @@ def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Erra
 class MissionTrial(Trial):
     """Result of an attack on a mission.
 
-    `attacked` is what became of the robot (`ErrandOutcome`), or of the mission that was guessed (`GuessOutcome`);
-    `honest`, of the robot that nobody attacks, None where a mission was guessed or nothing was ordered.
+    `attacked` is the outcome of the robot's mission (`ErrandOutcome`) or of guessing (`GuessOutcome`). `honest` is the
+    outcome without attack, None for guessing or if no mission was sent.
     """
 
-    against: str  # what it lies about
-    kept: bool  # whether the declared verdict is what was seen
+    against: str  # the target of the attack
+    kept: bool  # whether the outcome matches the declared verdict
 
     @property
     def broken(self) -> bool:
-        """Return whether something that is promised was not kept."""
+        """Return whether the outcome contradicts the declared verdict."""
         return not self.kept
 
 
 def try_mission_attack(
     attack: Attack, defence: Defence, seed: int = 0, options: Mapping[str, float | str] | None = None
 ) -> MissionTrial:
-    """An attack on an errand or on a captured file, run, and measured by the world's truth.
+    """Run an attack on a mission or on a captured file, and measure the outcome in the simulated world.
 
-    Options: `at`, when it begins to lie, s; `bit`, which one `flip-bit` changes; `unchecked`, 1 for a robot of ours
-    that looks at no signature, name or window.
+    Options: `at`, start of the attack, s; `bit`, the bit that `flip-bit` inverts; `unchecked`, 1 for a hardened robot
+    that ignores signature, recipient and time window.
 
-    Raises: UsageError: no such option, or a number that is none for it.
+    Raises: UsageError: no such option, or its value is out of range.
     """
-    kind, said = attack.kind, dict(options or {})
-    attack.check(said)
-    start_s = float(said.get("at", kind.starts_s))
+    kind, given = attack.kind, dict(options or {})
+    attack.check(given)
+    start_s = float(given.get("at", kind.starts_s))
     if seed < 0 or not 0 <= start_s <= LATEST_S:
         raise UsageError(
-            f"{attack.name} at {start_s:g} s, seed {seed}", f"0 to {LATEST_S:g} s, and a seed of 0 or more"
+            f"{attack.name} at {start_s:g} s, seed {seed}", f"use 0 to {LATEST_S:g} s, and a seed of 0 or more"
         )
-    made = kind(plan_of(defence, seed, start_s, said))
+    instance = kind(plan_of(defence, seed, start_s, given))
     honest: ErrandOutcome | None = None
     attacked: ErrandOutcome | GuessOutcome
-    if isinstance(made, Guess):
-        attacked = try_guess(made, defence, seed)
+    if isinstance(instance, Guess):
+        attacked = try_guess(instance, defence, seed)
     else:
         today = Operator(defence, seed).send(errand(), ROBOT, 1)
-        attacked = walk(made, today, defence, seed, checked=not said.get("unchecked"))
+        attacked = walk(instance, today, defence, seed, checked=not given.get("unchecked"))
         if kind.ordered:
             honest = honest_errand(defence, seed, released=kind.released)
     harm = attack.harm.of(attacked)
@@ -282,9 +282,9 @@ def try_mission_attack(
 def try_guess(
     attack: Guess, defence: Defence, seed: int, *, coding: CodingConfig | None = None, tries: int | None = None
 ) -> GuessOutcome:
-    """Run a guessing attack on one core with about `tries` tries at most; by default the attack's own number.
+    """Run a guessing attack on one core with about `tries` tries; by default with the attack's own limit.
 
-    The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
+    The captured mission has the form that `defence` gives it. `coding` None costs as much per try as for real robots.
     """
     coding = coding or (SEALED if defence == "hardened" else None)
     plain = shelf_mission(coding) if attack.one_node else errand(coding)
@@ -295,17 +295,17 @@ def try_guess(
     profile = parse_mission(sent.file).header.profile
     most = attack.tries_max[profile] if tries is None else tries
     read: set[int] = set()
-    made, of = 0, 0
+    tries_made, of = 0, 0
     began = time.perf_counter()
     for batch in attack.guess(sent, AREA_M, building()):
-        made, of = made + batch.tries, batch.of
+        tries_made, of = tries_made + batch.tries, batch.of
         read |= {found.node for found in batch.found}
-        if made >= most:
+        if tries_made >= most:
             break
     seconds = time.perf_counter() - began
-    rate = made / seconds
+    rate = tries_made / seconds
     whole = attack.in_all(plain, of)
-    return GuessOutcome(nodes, len(read), made, seconds, rate, whole, whole / rate)
+    return GuessOutcome(nodes, len(read), tries_made, seconds, rate, whole, whole / rate)
 
 
 def is_kept(declared: Verdict, attack: Attack, attacked: ErrandOutcome | GuessOutcome, harm: float) -> bool:

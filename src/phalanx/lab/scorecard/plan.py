@@ -1,7 +1,7 @@
 """Plan the scorecard: each attack under each defence in each protocol, as runs of a sweep.
 
-A protocol is what honest robots do. Bundled controllers that scenarios run are there by themselves, in a scenario that
-comes with them if there is one; so are missions, of one robot and of a team; and a controller of one's own.
+A protocol is the behaviour of the honest robots. Included are the bundled controllers for scenarios, in a built-in
+scenario if there is one; missions of one robot and of a team; and users' own controllers.
 """
 
 from __future__ import annotations
@@ -21,16 +21,15 @@ from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, is_file
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
 
-# When compromised robots begin, and for how long they are watched: T_val and more than a round of audits beside it.
-# Protocols are in plain Python, ten times as dear as a flock, and what is lost to others shows in so much of their own
-# scenarios.
+# Start of the attack, and duration after it: T_val and more than one audit round. Protocols are in plain Python, ten
+# times as slow as a flock, and in their own scenarios the harm to others shows within this longer time.
 AT_S, WATCHED_S, WATCHED_IN_PROTOCOLS_S = 12.0, 24.0, 48.0
 MISSIONS: Mapping[str, tuple[Scene, ...]] = {"mission": ("errand", "file"), "team": ("team",)}
-HONEST_KEPT = 8  # honest runs: all attacks of a seed are compared with the same
-WHEELS = "wheels"  # the demo's robots, who wait for orders: attacks that make sense for them
-# Of an attack's words, what flocks alone take.
-UNHEARD = {WHEELS: ("robot", "until"), "mission": ("at", "robot", "until"), "team": ("at", "robot", "until")}
-# Near enough to each other that neighbours push, and near the goal, so that lies about the way there matter.
+HONEST_KEPT = 8  # cached honest runs: all attacks of a seed are compared with the same one
+WHEELS = "wheels"  # the demo's robots, which wait for orders; only some attacks apply to them
+# Options of an attack that only flocks support.
+UNSUPPORTED = {WHEELS: ("robot", "until"), "mission": ("at", "robot", "until"), "team": ("at", "robot", "until")}
+# Close enough for neighbours to repel each other, and near the goal, so that false positions on the way matter.
 SMALL = Scenario(
     name="scorecard",
     robots=12,
@@ -39,26 +38,26 @@ SMALL = Scenario(
     duration_s=AT_S + WATCHED_S,
     bti=BtiConfig(f_max=3),
 )
-COMMON = ("flock", "guard")  # controllers that many scenarios have: SMALL is theirs
+COMMON = ("flock", "guard")  # controllers of many scenarios; they are tried in SMALL
 
 
 @dataclass(frozen=True, slots=True)
 class Bout(Job):
-    """One run of an attack, beside the same without it. Its scenario is honest; None on a mission and on wheels."""
+    """One run of an attack. Its scenario has no attack yet; it is None for missions and on wheels."""
 
-    attack: str  # as typed
+    attack: str  # as on the command line
     defence: Defence
     protocol: str
 
 
 def scorecard_plan(attacks: Sequence[str], protocols: Sequence[str], seeds: int) -> Plan:
-    """Return all runs of a scorecard, seed by seed: whatever there is when it is stopped is a smaller scorecard.
+    """Return all runs of a scorecard, seed by seed, so that an interrupted one is a complete smaller one.
 
     Args:
-        attacks: names, with options or not, and FILE.py:CLASS with the whole path; none for all of the library.
-        protocols: names, and likewise FILE.py:CLASS of a controller; none for all there are.
-        seeds: from 0 on.
-    Raises: UsageError: no such protocol or attack, or attacks that none of the protocols has a place for.
+        attacks: names, optionally with options, or FILE.py:CLASS with an absolute path; empty for the whole library.
+        protocols: names, or FILE.py:CLASS of a controller likewise; empty for all.
+        seeds: number of seeds, from 0.
+    Raises: UsageError: no such protocol or attack, or no attack applies to any of the protocols.
     """
     known = known_protocols()
     for name in protocols:
@@ -67,23 +66,23 @@ def scorecard_plan(attacks: Sequence[str], protocols: Sequence[str], seeds: int)
                 f"no protocol {name!r}", f"{did_you_mean(name, known)}{', '.join(known)}, or FILE.py:CLASS"
             )
     grounds = {_short(name): _ground(name) for name in protocols or known}
-    chosen = {words: _attack(words) for words in attacks or known_attacks()}
-    tried = [(name, words) for name in grounds for words, attack in chosen.items() if _is_tried(attack, name)]
+    chosen = {text: _attack(text) for text in attacks or known_attacks()}
+    tried = [(name, text) for name in grounds for text, attack in chosen.items() if _is_tried(attack, name)]
     if not tried:
-        raise UsageError("nothing to try", "these attacks are none on these protocols")
-    for protocol, words in tried:
-        for name in UNHEARD.get(protocol, ()):
-            if f"{name}=" in words:
-                raise UsageError(f"{words} on {protocol}, which takes no {name}", "another --controller, or without")
-    contents = {words: content_of(words) for words in (*protocols, *chosen) if is_file(words)}
+        raise UsageError("nothing to try", "choose attacks that apply to these protocols")
+    for protocol, text in tried:
+        for name in UNSUPPORTED.get(protocol, ()):
+            if f"{name}=" in text:
+                raise UsageError(f"{text} on {protocol}, which takes no {name}", "use another --controller, or omit it")
+    contents = {text: content_of(text) for text in (*protocols, *chosen) if is_file(text)}
 
     def bout(protocol: str, attack: str, defence: Defence, seed: int) -> Bout:
         scenario, controller = grounds[protocol]
         if scenario:
             scenario = replace(scenario, seed=seed, defence=defence)
-        said = (protocol, attack, defence, seed, repr(scenario), *map(contents.get, (attack, str(controller))))
+        settings = (protocol, attack, defence, seed, repr(scenario), *map(contents.get, (attack, str(controller))))
         point = (("protocol", protocol), ("attack", _short(attack)), ("defence", defence))
-        return Bout(key_of(*said), point, seed, scenario, attack, controller, defence, protocol)
+        return Bout(key_of(*settings), point, seed, scenario, attack, controller, defence, protocol)
 
     return Plan(
         {"protocol": tuple(grounds), "attack": tuple(chosen), "defence": DEFENCES},
@@ -91,8 +90,8 @@ def scorecard_plan(attacks: Sequence[str], protocols: Sequence[str], seeds: int)
     )
 
 
-def _attack(words: str) -> Attack:
-    spec = find_attack(words)
+def _attack(text: str) -> Attack:
+    spec = find_attack(text)
     if not spec.own and spec.name not in known_attacks():
         raise UsageError(f"no attack {spec.name!r}", f"{did_you_mean(spec.name, known_attacks())}phalanx attack list")
     return spec.attack
@@ -107,29 +106,29 @@ def _is_tried(attack: Attack, protocol: str) -> bool:
 
 
 def known_protocols() -> list[str]:
-    """Names of all that come with phalanx."""
+    """Return the names of all protocols that are included in phalanx."""
     return [*in_scenarios(), WHEELS, *MISSIONS]
 
 
 def _ground(name: str) -> tuple[Scenario | None, str | None]:
-    """Return the scenario in which a protocol is tried, and the controller's file if it has one."""
+    """Return the scenario in which a protocol is tried, and the controller's file if it is a user's own."""
     if name == WHEELS or name in MISSIONS:
         return None, None
     if is_file(name):
         return SMALL, name
     own = () if name in COMMON else map(find_scenario, built_in("scenarios"))
-    made = next((each for each in own if each.controller == name), replace(SMALL, controller=name))
+    chosen = next((each for each in own if each.controller == name), replace(SMALL, controller=name))
     watched_s = WATCHED_IN_PROTOCOLS_S if name in PROTOCOLS else WATCHED_S
-    return replace(made, attacks=(), duration_s=AT_S + watched_s), None
+    return replace(chosen, attacks=(), duration_s=AT_S + watched_s), None
 
 
 def absolute(words: str) -> str:
-    """A file of one's own by its whole path: other processes may run elsewhere. Any other word as it is."""
+    """Return FILE.py:CLASS with an absolute path, because workers may run in other folders; other names unchanged."""
     path, colon, name = words.partition(":")
     return f"{Path(path).resolve()}{colon}{name}" if is_file(words) else words
 
 
-def _short(words: str) -> str:
-    """How a file of one's own is called in the table."""
-    path, colon, name = words.partition(":")
-    return f"{Path(path).name}{colon}{name}" if is_file(words) else words
+def _short(text: str) -> str:
+    """Return the name of a user's own file in the table."""
+    path, colon, name = text.partition(":")
+    return f"{Path(path).name}{colon}{name}" if is_file(text) else text

@@ -1,7 +1,7 @@
-"""One robot of a team cheats on its mission, and the others audit it: when it is stopped, and why.
+"""Run a team in which one robot cheats on its mission while the others audit it; report if and why it is stopped.
 
-Four robots go from the entrance of the office through the lobby's door, where they inspect, to the store's, where they
-pick. The cheat knows the floor plan, and what an honest robot has opened in a run before.
+Four robots drive from the office's entrance to the lobby's door, where they inspect, and to the store's, where they
+pick. The cheat knows the floor plan, and the nodes that an honest robot opened in an earlier run.
 """
 
 from __future__ import annotations
@@ -33,65 +33,65 @@ from phalanx.world.missions.world import MissionWorld
 ROBOTS, F_MAX = 4, 1
 LOBBY = Landmark("doorway", 9.0, 12.0, math.pi / 2)
 STORE = Landmark("doorway", 11.6, 10.0, 0.0)
-# Of the store's wall, both sides of its door: a building of the cheat's choice.
+# The store's wall on both sides of its door: the cheat pretends to be in this building.
 STORE_WALL = np.array([[9.0, 10.0, 10.9, 10.0], [12.3, 10.0, 19.0, 10.0]])
 ELSEWHERE_M = (2.0, 11.0)
 POOL = (Action("inspect"), Action("pick"))
-# A node is left out from the start; the others begin when the lobby's door is decoded and the store's is not.
+# Start of `skip-node`; start of the other attacks, when the lobby's door is decoded and the store's is not.
 SKIPS_AT_S, BEGINS_AT_S = 1.0, 13.0
 END_S, CHUNK_S = 40.0, 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TeamTrial:
-    """Result of a cheat."""
+    """Result of a cheat in a team."""
 
     attack: str
     defence: str
-    declared: str  # what the attack says that this defence makes of it
-    deviated_s: float | None  # when it did what no honest robot would have done; None if it never did
-    stopped_s: float | None  # when it was in Safe Mode, or None
-    bound_s: float | None  # from deviation to Safe Mode at most; None where nobody audits
-    refusals: dict[str, int]  # why auditors gave it no token, and how often
-    completed: int  # others that completed their mission, of `others`
+    declared: str  # verdict that the attack declares for this defence
+    deviated_s: float | None  # first deviation from an honest robot's behaviour; None if there was none
+    stopped_s: float | None  # start of Safe Mode, or None
+    bound_s: float | None  # largest time from deviation to Safe Mode; None without audits
+    refusals: dict[str, int]  # number of refused tokens by reason
+    completed: int  # number of other robots that completed their mission, of `others`
     others: int
-    in_safe_mode: tuple[int, ...]  # others that were stopped, by number
+    in_safe_mode: tuple[int, ...]  # other robots that were stopped, by number
 
     @property
     def broken(self) -> bool:
-        """Return whether something that is promised was not kept."""
+        """Return whether a promise was broken."""
         if self.deviated_s is None or self.in_safe_mode:
             return True
         if self.declared != "stopped":
             return self.stopped_s is not None
-        assert self.bound_s is not None, "who is stopped is audited"
+        assert self.bound_s is not None, "a cheat that is to be stopped is audited"
         return self.stopped_s is None or self.stopped_s - self.deviated_s > self.bound_s
 
 
 def try_in_team(
     attack: Attack, defence: Defence, seed: int = 0, on_progress: Callable[[float], None] = lambda _share: None
 ) -> TeamTrial:
-    """A cheat of the scene `team` on a mission among robots that audit each other; told is the share of the work done.
+    """Run a team with a cheat of scene `team`; `on_progress` receives the completed share of the work.
 
     Raises: UsageError: the seed is negative.
     """
     plan = load_floorplan()
     profile = Profile.SEALED if defence == "hardened" else Profile.PAPER
     plain = apart_in(plan, errand(plan, CodingConfig(delta_mm=400, kdf_log2_n=2)))
-    (built,) = build(plain, BuildOptions(profile=profile), random.Random(seed).randbytes)  # noqa: S311  # a simulation's
+    (built,) = build(plain, BuildOptions(profile=profile), random.Random(seed).randbytes)  # noqa: S311  # simulated
     honest = _world(plan, built, defence, seed)
-    _live(honest, lambda share: on_progress(share / 2))
+    _run(honest, lambda share: on_progress(share / 2))
     kind: Callable[..., MissionCheat] = attack.kind
     cheat = partial(kind, plan=_plan_of(attack, honest.robots[0].controller.memory.walk.keys, seed))
     world = _world(plan, built, defence, seed, {0: cheat})
-    _live(world, lambda share: on_progress((1 + share) / 2))
+    _run(world, lambda share: on_progress((1 + share) / 2))
     liar = world.robots[0].inner
-    assert isinstance(liar, MissionCheat), "it was made so"
+    assert isinstance(liar, MissionCheat), "the first robot runs the cheat"
     bti, began_ms, refusals = world.bti, liar.first_deviation_ms, dict[str, int]()
     for _, _, auditee, why in world.new_verdicts():
         if auditee == 1 and why:
-            word = why.name.lower().replace("_", " ")
-            refusals[word] = refusals.get(word, 0) + 1
+            reason = why.name.lower().replace("_", " ")
+            refusals[reason] = refusals.get(reason, 0) + 1
     reports = world.finish()[1:]
     return TeamTrial(
         attack=attack.name,
@@ -108,7 +108,7 @@ def try_in_team(
 
 
 def errand(plan: FloorPlan, coding: CodingConfig | None, pool: tuple[Action, Action] = POOL) -> Mission:
-    """From where the plan has robots begin to the lobby's door and the store's, with an action at each."""
+    """Return the mission: from the start pose to the lobby's door and the store's, with an action at each."""
     draft = Draft("errand", coding=coding)
     draft.node("start", Position(*start_of(plan)[:2]), start=True)
     draft.node("the lobby", LOBBY, do=pool[0])
@@ -136,7 +136,7 @@ def _world(
     return MissionWorld(run, range(ROBOTS))
 
 
-def _live(world: MissionWorld, on_progress: Callable[[float], None]) -> None:
+def _run(world: MissionWorld, on_progress: Callable[[float], None]) -> None:
     while world.now_s < END_S:
         world.advance(min(END_S, world.now_s + CHUNK_S))
         on_progress(world.now_s / END_S)

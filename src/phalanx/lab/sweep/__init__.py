@@ -1,1 +1,1 @@
-"""A grid of scenarios under many seeds, run by many processes on one machine or many, into Parquet."""
+"""Run a grid of scenarios with many seeds in processes on one or more machines, into Parquet files."""

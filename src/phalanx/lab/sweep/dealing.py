@@ -1,4 +1,4 @@
-"""Jobs dealt out by dask to processes of this machine or of a cluster: a sweep's runs, and a figure's cases."""
+"""Distribute jobs with dask to processes of this machine or a cluster: runs of a sweep, or cases of a figure."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ from .plan import SWEEP_HINT, Job, Plan, key_of
 from .store import Store, outcome
 
 CONNECT_S = 15.0
-# Of a worker that dies, dask gives its run to another; whose death comes so often again is not by chance.
+# When a worker dies, dask gives its task to another one; DEATHS in a row are no coincidence.
 DEATHS = 5
-# Dask has some milliseconds of work with a task, and runs can be shorter than that: a task is several of them, for
-# about so long and at most so many. One more waits for each process, so that none waits for us.
+# Dask needs some milliseconds per task, which may be longer than a run. So a task has several runs, for about this time
+# and at most this many. Some more tasks wait for each process, so that it never idles.
 TASK_S, MOST_IN_TASK = 0.3, 64
 AHEAD = 2
 ALONE = " alone"
 SETTINGS = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
-    "distributed.worker.profile.enabled": False,  # it looks at each worker a hundred times a second
+    "distributed.worker.profile.enabled": False,  # it samples each worker a hundred times per second
     "distributed.worker.multiprocessing-method": "forkserver",
 }
-# A process of these has one thread: a run keeps a processor busy.
+# One thread per worker process, because a run keeps one processor busy.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """Result of a job that ended with an exception: one line that gives the reason."""
+    """Result of a job that ended with an exception: the reason in one line."""
 
     why: str
 
@@ -60,16 +60,16 @@ def run_sweep(
     *,
     run: Callable[[Any], dict[str, Any]] | None = None,
 ) -> list[str]:
-    """All runs that the store does not have are made and added to it.
+    """Run all jobs that the store does not have yet, and add their rows to it.
 
     Args:
-        scheduler: address of a dask scheduler; None for processes of this machine, which nobody else can reach.
-        workers: how many of these; None for one a processor.
-        on_progress: is told how many runs are there, and of how many.
-        run: makes a job's row, in whichever process.
-    Returns: a line for each run that failed; the others are there.
-    Raises: UsageError: of the sweep. Unavailable: dask is not installed; no scheduler there, or it went away; a disk
-        is full. Ctrl-C: KeyboardInterrupt. Whatever it is, what came until then is in the store.
+        scheduler: address of a dask scheduler; None for processes of this machine, which accept no other client.
+        workers: number of these processes; None for one per processor.
+        on_progress: receives the number of completed runs and the total.
+        run: makes a job's row; called in a worker process.
+    Returns: a line for each run that failed; the store has the others.
+    Raises: UsageError: an invalid sweep. Unavailable: dask is not installed; no scheduler, or it went away; a disk is
+        full. KeyboardInterrupt: Ctrl-C. In all cases the store keeps the completed runs.
     """
     jobs = {job.key: job for job in sweep.jobs}
     todo = [job for key, job in jobs.items() if key not in store.done]
@@ -78,12 +78,12 @@ def run_sweep(
         return []
     if scheduler is None:
         get_ready()
-        _refuse_early(todo[0])
+        _check_first(todo[0])
     failed: list[str] = []
     left = len(todo)
     for key, row in dealt({job.key: job for job in todo}, run or run_job, scheduler, workers):
         if isinstance(row, Failed):
-            failed.append(f"{_named(jobs[key])}: {row.why}")
+            failed.append(f"{_label(jobs[key])}: {row.why}")
         else:
             store.add(jobs[key], row)
         left -= 1
@@ -92,8 +92,8 @@ def run_sweep(
 
 
 def run_job(job: Job) -> dict[str, Any]:
-    """Run a job and return its row of the store. Output of a researcher's own file goes to stderr."""
-    assert job.scenario, "a sweep's runs have one"
+    """Run a job and return its row for the store. Output of a user's own file goes to stderr."""
+    assert job.scenario, "every run of a sweep has a scenario"
     with contextlib.redirect_stdout(sys.stderr), mistakes_in(job.attack, job.controller):
         scenario, own = find_controller(job.controller, job.scenario)
         if job.attack:
@@ -103,26 +103,26 @@ def run_job(job: Job) -> dict[str, Any]:
         return outcome(run.summary(), time.thread_time() - begun_s)
 
 
-def _refuse_early(job: Job) -> None:
-    """Refuse here and once what can be refused, before processes start."""
-    if not job.scenario:  # what a scorecard tries beside flocks
+def _check_first(job: Job) -> None:
+    """Report errors that concern all jobs once, before processes start."""
+    if not job.scenario:  # a scorecard's attack outside flocks
         return
     with mistakes_in(job.attack, job.controller):
         Run(*find_controller(job.controller, job.scenario))
 
 
-def _named(job: Job) -> str:
+def _label(job: Job) -> str:
     return ", ".join(f"{name} {value}" for name, value in (*job.point, ("seed", job.seed)))
 
 
 def deal_cases(scheduler: str | None, workers: int | None) -> EachCase:
-    """Measure a figure's cases with the scheduler of `run_sweep`, for `phalanx.papers.table.measure`.
+    """Return an `EachCase` for `phalanx.papers.table.measure` that uses the scheduler of `run_sweep`.
 
-    Raises: UsageError: both. And there, when all others are measured: Unavailable: a case could not be.
+    Raises: UsageError: both are given. The `EachCase` raises Unavailable after all other cases if one failed.
     """
     _check(scheduler, workers)
 
-    def each(figure: Figure, todo: Sequence[str], _tell: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
+    def each(figure: Figure, todo: Sequence[str], _on_progress: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
         jobs = {key_of(figure.name, version(), case): (figure, case) for case in todo}
         failed: list[str] = []
         for key, measured in dealt(jobs, _measure_case, scheduler, workers) if jobs else ():
@@ -145,9 +145,9 @@ def _measure_case(job: tuple[Figure, str]) -> Any:
 def dealt(
     jobs: Mapping[str, Any], run: Callable[[Any], Any], scheduler: str | None, workers: int | None
 ) -> Iterator[tuple[str, Any]]:
-    """Of each job its key, and what it came to or `Failed`: as they come."""
+    """Run the jobs, and yield each job's key and its result or `Failed`, in order of completion."""
     with _client(scheduler, workers) as (dask, client):
-        # Dask suspects of a death whatever waits for the same process: who is suspected is tried again by itself.
+        # When a worker dies, every task on that worker is suspect; each suspect job is retried in a task of its own.
         waiting, suspects = deque(jobs.items()), deque[tuple[str, Any]]()
         of: dict[str, Sequence[tuple[str, Any]]] = {}  # by task
         processes, size = max(1, len(client.scheduler_info(n_workers=-1)["workers"])), 1
@@ -172,10 +172,10 @@ def dealt(
             if future.status == "cancelled":
                 raise Unavailable(f"the scheduler at {scheduler} went away", "run the same command again to continue")
             if future.status == "finished":
-                made = future.result()
-                yield from zip((key for key, _ in given), made, strict=False)
-                waiting.extendleft(reversed(given[len(made) :]))
-                size = min(2 * size, MOST_IN_TASK) if len(made) == len(given) else len(made)
+                results = future.result()
+                yield from zip((key for key, _ in given), results, strict=False)
+                waiting.extendleft(reversed(given[len(results) :]))
+                size = min(2 * size, MOST_IN_TASK) if len(results) == len(given) else len(results)
             elif future.key.endswith(ALONE):
                 yield given[0][0], Failed(why_not(future.exception()))
             else:
@@ -184,17 +184,17 @@ def dealt(
 
 
 def _make(run: Callable[[Any], Any], jobs: Sequence[tuple[str, Any]]) -> list[Any]:
-    """Run the first jobs, as many as fit into `TASK_S` and at least one; return results or `Failed`."""
-    made: list[Any] = []
+    """Run jobs in order for about `TASK_S`, at least one; return their results or `Failed`."""
+    results: list[Any] = []
     until_s = time.perf_counter() + TASK_S
     for _, job in jobs:
         try:
-            made.append(run(job))
-        except Exception as error:  # noqa: BLE001 - whatever a researcher's file raises
-            made.append(Failed(why_not(error)))
+            results.append(run(job))
+        except Exception as error:  # noqa: BLE001 - a user's file may raise anything
+            results.append(Failed(why_not(error)))
         if time.perf_counter() >= until_s:
             break
-    return made
+    return results
 
 
 def why_not(error: BaseException | None) -> str:
@@ -202,7 +202,7 @@ def why_not(error: BaseException | None) -> str:
     if isinstance(error, PhalanxError):
         return str(error)
     if type(error).__name__ == "KilledWorker":
-        return f"{DEATHS} processes died of it, one after the other"
+        return f"{DEATHS} processes in a row died while running it"
     return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
@@ -222,12 +222,12 @@ def get_ready() -> None:
 
 def _check(scheduler: str | None, workers: int | None) -> None:
     if scheduler and workers:
-        raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
+        raise UsageError("--workers with --scheduler", "omit --workers: a scheduler has its own workers")
 
 
 @contextlib.contextmanager
 def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, Any]]:
-    """Dask's own module, and a client of it. SIGTERM ends it as Ctrl-C does: dask has processes and locks to clear."""
+    """Yield the dask module and a client. SIGTERM acts like Ctrl-C, so that dask can end its processes."""
     _check(scheduler, workers)
     with contextlib.ExitStack() as stack:
         stack.enter_context(handled_by(signal.default_int_handler, signal.SIGTERM))
@@ -237,17 +237,17 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, A
             dask: Any = import_module("distributed")
         except ImportError as error:
             raise Unavailable("dask.distributed is not installed", SWEEP_HINT) from error
-        # It logs what we tell in a line, or mend.
+        # Its messages duplicate ours, or concern failures that we handle.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         stack.enter_context(warnings.catch_warnings())
         warnings.filterwarnings(
             "ignore", "(?s)(Creating scratch|Port [0-9]+ is already)"
-        )  # of a slow disk, or a second sweep
+        )  # on a slow disk, or while a second sweep runs
         stack.enter_context(import_module("dask").config.set(SETTINGS))
-        where: Any = scheduler
+        address: Any = scheduler
         if scheduler is None:
-            # Whoever reaches a worker runs what he likes as us: certificates of this run's own, nobody else's.
-            where = stack.enter_context(
+            # A client of a worker can run any code as this user: use certificates that exist only for this run.
+            address = stack.enter_context(
                 dask.LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
@@ -259,7 +259,7 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, A
                 )
             )
         try:
-            client = stack.enter_context(dask.Client(where, timeout=CONNECT_S, set_as_default=False))
+            client = stack.enter_context(dask.Client(address, timeout=CONNECT_S, set_as_default=False))
         except (OSError, TimeoutError, ValueError) as error:
-            raise Unavailable(f"no dask scheduler at {scheduler}", "for example tcp://10.0.0.1:8786") from error
+            raise Unavailable(f"no dask scheduler at {scheduler}", "use an address like tcp://10.0.0.1:8786") from error
         yield dask, client

@@ -28,21 +28,21 @@ MOST_RUNS = 1_000_000
 HINT = "phalanx docs guides/sweeps has an example"
 SWEEP_HINT = "pip install '.[sweep]' in a clone"
 KEYS = ("scenario", "seeds", "grid")
-# What `phalanx sim run` has an option for is called as there.
+# Options of `phalanx sim run` have the same names here.
 OPTIONS = ("robots", "spacing_m", "duration_s", "defence", "f_max", "t_audit_s", "t_val_s")
-NAMES = ("scenario", "attack", "controller")  # of something, as text
+NAMES = ("scenario", "attack", "controller")  # values are text
 SECTIONS = ("bti", "flock", "guard", "radio")
 NEITHER = ("name", "about", "seed", "attacks", "obstacles")
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One run. It can be sent to another machine: a controller and an attack from a file go by their words."""
+    """One run. It can be sent to another machine; controllers and attacks from files are sent by name."""
 
-    key: str  # two jobs with the same come to the same row
-    point: tuple[tuple[str, Cell], ...]  # the axes' names, and where on each it is
+    key: str  # jobs with equal keys give equal rows
+    point: tuple[tuple[str, Cell], ...]  # name and value on each axis
     seed: int
-    scenario: Scenario | None  # of the seed; None where a scorecard tries something else than a flock
+    scenario: Scenario | None  # with the seed; None for attacks of a scorecard outside flocks
     attack: str | None  # None for the scenario's own
     controller: str | None  # None for the scenario's own
 
@@ -51,18 +51,18 @@ class Job:
 class Plan:
     """All runs of a sweep or of a scorecard."""
 
-    axes: Mapping[str, tuple[Cell, ...]]  # what is varied, with a value of each at least
+    axes: Mapping[str, tuple[Cell, ...]]  # varied settings, each with at least one value
     jobs: tuple[Job, ...]
 
 
-def key_of(*said: object) -> str:
-    """Of a run that this is all of: two of the same key are one."""
-    return hashlib.sha256(repr(said).encode()).hexdigest()[:24]
+def key_of(*settings: object) -> str:
+    """Return the key of a run from everything that determines its result."""
+    return hashlib.sha256(repr(settings).encode()).hexdigest()[:24]
 
 
-def content_of(words: str) -> str:
-    """Of the file in "FILE.py:CLASS", a digest. Raises: UsageError: no such file. Unavailable: it cannot be read."""
-    return hashlib.sha256(read_at_most(Path(words.partition(":")[0]), own.MOST_BYTES, "FILE.py:CLASS")).hexdigest()
+def content_of(name: str) -> str:
+    """Return a digest of the file in "FILE.py:CLASS". Raises: UsageError: no such file. Unavailable: cannot be read."""
+    return hashlib.sha256(read_at_most(Path(name.partition(":")[0]), own.MOST_BYTES, "FILE.py:CLASS")).hexdigest()
 
 
 def read_sweep(path: Path) -> Plan:
@@ -76,29 +76,29 @@ def read_sweep(path: Path) -> Plan:
 
 
 class _Reader:
-    def __init__(self, path: Path, root: yaml.Node | None, words: Any) -> None:
-        self._source, self._folder, self._root, self._words = str(path), path.parent, root, words
+    def __init__(self, path: Path, root: yaml.Node | None, content: Any) -> None:
+        self._source, self._folder, self._root, self._content = str(path), path.parent, root, content
 
     def plan(self) -> Plan:
-        words = self._mapping((), self._words)
-        for name in words:
+        content = self._mapping((), self._content)
+        for name in content:
             if name not in KEYS:
                 raise self._wrong((name,), f"no {name!r} in a sweep", did_you_mean(str(name), KEYS) + ", ".join(KEYS))
-        if "scenario" not in words:
+        if "scenario" not in content:
             raise self._wrong((), "no scenario", HINT)
-        grid = self._mapping(("grid",), words.get("grid") or {})
-        axes = {"scenario": self._values(("scenario",), "scenario", words["scenario"])}
+        grid = self._mapping(("grid",), content.get("grid") or {})
+        axes = {"scenario": self._values(("scenario",), "scenario", content["scenario"])}
         for name, values in grid.items():
             axis = self._axis(name)
             axes[axis] = self._values(("grid", name), axis, values)
-        seeds = self._seeds(words.get("seeds", 1))
+        seeds = self._seeds(content.get("seeds", 1))
         count = math.prod(map(len, axes.values())) * len(seeds)
         if count > MOST_RUNS:
-            raise self._wrong(("grid",), f"{count} runs", f"at most {MOST_RUNS}")
+            raise self._wrong(("grid",), f"{count} runs", f"use at most {MOST_RUNS}")
         return Plan(axes, tuple(self._jobs(axes, seeds)))
 
     def _jobs(self, axes: Mapping[str, tuple[Cell, ...]], seeds: tuple[int, ...]) -> Iterator[Job]:
-        """All runs, those of one point one after the other. Raises: UsageError: of a point that is no scenario."""
+        """Yield all runs, point by point. Raises: UsageError: a point gives no valid scenario."""
         content = cache(content_of)
         for values in itertools.product(*axes.values()):
             point = tuple(zip(axes, values, strict=True))
@@ -107,7 +107,7 @@ class _Reader:
             except UsageError as error:
                 where = ", ".join(f"{name} {value}" for name, value in point)
                 raise UsageError(f"{self._source}: at {where}: {error}", error.hint) from error
-            contents = [content(words) if words and is_file(words) else "" for words in (attack, controller)]
+            contents = [content(name) if name and is_file(name) else "" for name in (attack, controller)]
             for seed in seeds:
                 chosen = replace(scenario, seed=seed)
                 key = key_of(repr(chosen), attack, controller, *contents)
@@ -137,37 +137,37 @@ class _Reader:
     def _path(self, name: str) -> str:
         return str(self._folder / name) if Path(name).suffix in (".yaml", ".yml") else name
 
-    def _own(self, words: str | None) -> str | None:
-        return str((self._folder / words).resolve()) if words and is_file(words) else words
+    def _own(self, name: str | None) -> str | None:
+        return str((self._folder / name).resolve()) if name and is_file(name) else name
 
     def _axis(self, name: Any) -> str:
         known = _axes()
         if name not in known:
             hint = did_you_mean(str(name), known) + "phalanx docs guides/sweeps lists them"
-            raise self._wrong(("grid", name), f"nothing of a scenario is called {name!r}", hint)
+            raise self._wrong(("grid", name), f"a scenario has no setting {name!r}", hint)
         return str(name)
 
-    def _values(self, path: tuple[Any, ...], name: str, said: Any) -> tuple[Cell, ...]:
-        values = said if isinstance(said, list) else [said]
+    def _values(self, path: tuple[Any, ...], name: str, given: Any) -> tuple[Cell, ...]:
+        values = given if isinstance(given, list) else [given]
         text = name in (*NAMES, "defence")
         for value in values:
             if isinstance(value, bool) or not isinstance(value, str if text else int | float):
-                raise self._wrong(path, f"{name} is {value!r}", "text" if text else "a number")
+                raise self._wrong(path, f"{name} is {value!r}", "use text" if text else "use a number")
         if not values or len(set(values)) < len(values):
-            raise self._wrong(path, f"{name}: {'nothing' if not values else 'the same twice'}", "each value once")
+            raise self._wrong(path, f"{name}: {'no values' if not values else 'a value twice'}", "list each value once")
         return tuple(values)
 
-    def _seeds(self, said: Any) -> tuple[int, ...]:
-        seeds = list(range(said)) if type(said) is int and 0 <= said <= MOST_RUNS else said
+    def _seeds(self, given: Any) -> tuple[int, ...]:
+        seeds = list(range(given)) if type(given) is int and 0 <= given <= MOST_RUNS else given
         whole = isinstance(seeds, list) and all(type(seed) is int and 0 <= seed < 1 << 32 for seed in seeds)
         if not whole or not seeds or len(set(seeds)) < len(seeds):
-            raise self._wrong(("seeds",), f"seeds is {said!r}", "how many, or a list of whole numbers, each once")
+            raise self._wrong(("seeds",), f"seeds is {given!r}", "use a count, or a list of distinct whole numbers")
         return tuple(seeds)
 
-    def _mapping(self, path: tuple[Any, ...], words: Any) -> dict[Any, Any]:
-        if not isinstance(words, dict):
-            raise self._wrong(path, f"{path[-1] if path else 'the file'} is no mapping", HINT)
-        return words
+    def _mapping(self, path: tuple[Any, ...], content: Any) -> dict[Any, Any]:
+        if not isinstance(content, dict):
+            raise self._wrong(path, f"{path[-1] if path else 'the file'} is not a mapping", HINT)
+        return content
 
     def _wrong(self, path: tuple[Any, ...], message: str, hint: str) -> UsageError:
         node, line = self._root, 1
@@ -181,7 +181,7 @@ class _Reader:
 
 
 def _axes() -> list[str]:
-    """Everything that a grid can vary, but for the scenario itself."""
+    """Return the names of all settings that a grid can vary, except the scenario itself."""
     example = Scenario()
     plain = [each.name for each in fields(Scenario) if not is_dataclass(getattr(example, each.name))]
     of_sections = [

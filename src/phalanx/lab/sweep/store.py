@@ -1,7 +1,7 @@
-"""The rows of a sweep, in a folder of Parquet files: what is written stays, and is there once.
+"""Store of a sweep's rows in a folder of Parquet files, which are written atomically and never changed.
 
-sweep.json               what made it, and its axes
-runs/part-00000.parquet  some rows; a part is whole or not there
+sweep.json               version and axes of the sweep
+runs/part-00000.parquet  some rows
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from phalanx.net.private_file import write_whole
 from .plan import SWEEP_HINT, Cell, Job, Plan
 
 ELSEWHERE = "choose another folder with --out, or move this one away"
-WRITE_S, WRITE_ROWS = 1.0, 500  # a part has what came in a second, or so many
-# What a run comes to. Arrow's types.
+WRITE_S, WRITE_ROWS = 1.0, 500  # a part is written after this time or number of rows
+# Columns of a run's outcome, with Arrow's types.
 OUTCOME = {
     "digest": "string",
     "mean_distance_to_goal_m": "double",
     "score": "double",  # of a protocol's correct robots
     "liars": "int64",
     "liars_stopped": "int64",
-    "liars_never_stopped": "int64",  # that deviated
+    "liars_never_stopped": "int64",  # counts liars that deviated
     "slowest_stop_s": "double",  # from the first deviation to Safe Mode
     "correct_in_safe_mode": "int64",
     "without_quorum": "int64",
     "contacts": "int64",
     "app_bytes_per_s": "double",
-    "audit_bytes_per_s": "double",  # a robot sends, with each try of the radio
-    "audit_airtime_pct": "double",  # share of the time that these tries of a robot are on the air
+    "audit_bytes_per_s": "double",  # sent by one robot, each radio attempt counted
+    "audit_airtime_pct": "double",  # share of the time that these packets occupy the channel
     "log_bytes_max": "int64",
     "broadcast_delivery": "double",
     "unicast_delivery": "double",
@@ -47,7 +47,7 @@ OUTCOME = {
 
 
 def outcome(summary: Mapping[str, Any], cpu_s: float) -> dict[str, Any]:
-    """Of a run's summary, what has a column; lists of robots are counted."""
+    """Return the columns of OUTCOME from a run's summary, with lists of robots replaced by their length."""
     liars = summary["compromised"]
     deviated = [liar for liar in liars if liar["first_deviation_s"] is not None]
     stops_s = [each["safe_mode_s"] - each["first_deviation_s"] for each in deviated if each["safe_mode_s"] is not None]
@@ -69,12 +69,12 @@ def outcome(summary: Mapping[str, Any], cpu_s: float) -> dict[str, Any]:
 
 
 class Store:
-    """A folder that rows are added to. Use as `with`: then it is ours alone.
+    """Folder of rows, as a context manager that locks it.
 
-    `columns` are what a run comes to, with Arrow's types. `done` has the keys of all rows there.
+    `columns` are those of a run's outcome, with Arrow's types. `done` has the keys of all stored rows.
 
-    Raises: on entering, UsageError: it is another sweep's, a file of a run in it has changed, or another process writes
-        to it; Unavailable: pyarrow is not installed, or a file cannot be read or written, then or later.
+    Raises: on entering, UsageError: the folder is of another sweep, a run's file has changed, or another process
+        writes to it; Unavailable: pyarrow is not installed, or a file cannot be read or written, then or later.
     """
 
     def __init__(self, folder: Path, sweep: Plan, version: str, columns: Mapping[str, str] = OUTCOME) -> None:
@@ -100,14 +100,14 @@ class Store:
 
     @property
     def runs(self) -> Path:
-        """The folder that a table is read from, as by `pandas.read_parquet`."""
+        """Return the folder of the table, for example for `pandas.read_parquet`."""
         return self.folder / "runs"
 
     def __enter__(self) -> Self:
         try:
             self.runs.mkdir(parents=True, exist_ok=True)
-            if self.runs.lstat().st_uid != os.geteuid():  # laid there in a folder that is shared
-                raise UsageError(f"{self.runs} is another user's", ELSEWHERE)
+            if self.runs.lstat().st_uid != os.geteuid():  # planted in a shared folder
+                raise UsageError(f"{self.runs} belongs to another user", ELSEWHERE)
             self._lock = os.open(self.folder, os.O_RDONLY)
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -116,8 +116,8 @@ class Store:
                     f"another sweep writes to {self.folder}", "wait for it, or choose another --out"
                 ) from error
             self._check_head()
-            for torn in self.runs.glob("part-*.tmp"):
-                torn.unlink()
+            for partial in self.runs.glob("part-*.tmp"):
+                partial.unlink()
             for part in self._all_parts():
                 self.done.update(self._keys(part))
                 self._parts = max(self._parts, int(part.stem.rpartition("-")[2]) + 1)
@@ -139,7 +139,7 @@ class Store:
                 self._lock = -1
 
     def add(self, job: Job, row: Mapping[str, Any]) -> None:
-        """A run's row, unless it is there. It is on disk a second before the next one, or when this ends."""
+        """Add a run's row unless it is stored. Rows reach the disk with the first row after a second, or at the end."""
         if job.key in self.done:
             return
         self.done.add(job.key)
@@ -148,24 +148,24 @@ class Store:
             self.write()
 
     def write(self) -> None:
-        """All rows are on disk."""
+        """Write all pending rows to disk."""
         self._written_s = time.monotonic()
         if not self._rows:
             return
         path = self.runs / f"part-{self._parts:05}.parquet"
-        torn = path.with_suffix(".tmp")
+        partial = path.with_suffix(".tmp")
         try:
-            self._parquet.write_table(self._arrow.Table.from_pylist(self._rows, self._schema), torn)
-            with torn.open("rb") as file:
+            self._parquet.write_table(self._arrow.Table.from_pylist(self._rows, self._schema), partial)
+            with partial.open("rb") as file:
                 os.fsync(file.fileno())
-            torn.replace(path)
+            partial.replace(path)
         except OSError as error:
             raise self._unwritable(error) from error
         self._parts += 1
         self._rows.clear()
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """All that are on disk, in the order in which they came."""
+        """Yield all rows on disk, in the order of arrival."""
         for part in self._all_parts():
             yield from self._read(part, None).to_pylist()
 
@@ -176,15 +176,15 @@ class Store:
         try:
             file = self._parquet.ParquetFile(part)
             if not part.stem.partition("-")[2].isdecimal() or not file.schema_arrow.equals(self._schema):
-                raise UsageError(f"{part} is no part of this sweep", "move it away")
+                raise UsageError(f"{part} is not part of this sweep", "move it out of the folder")
             return file.read(columns)
         except (self._arrow.ArrowException, OSError) as error:
-            if isinstance(error, OSError) and error.errno:  # what Arrow cannot read has none
+            if isinstance(error, OSError) and error.errno:  # Arrow's parse errors have no errno
                 raise
-            raise Unavailable(f"{part} is damaged", "remove it: its runs are made again") from error
+            raise Unavailable(f"{part} is damaged", "remove it: its runs will be repeated") from error
 
     def _keys(self, part: Path) -> Iterator[str]:
-        """Of the rows of a part. Raises: UsageError: of a run that is planned otherwise now: it would count twice."""
+        """Return keys of a part's rows. Raises: UsageError: a run's settings have changed, so it would count twice."""
         where = [*self._head["axes"], "seed"]
         for row in self._read(part, ["key", *where]).to_pylist():
             planned = self._planned.get(tuple(row[name] for name in where))
@@ -195,7 +195,7 @@ class Store:
 
     @cached_property
     def _planned(self) -> Mapping[tuple[Cell, ...], set[str]]:
-        """By the values of the axes and the seed, keys of the runs there."""
+        """Return the keys of the planned runs, by the values of the axes and the seed."""
         keys: dict[tuple[Cell, ...], set[str]] = {}
         for job in self._sweep.jobs:
             keys.setdefault((*(value for _, value in job.point), job.seed), set()).add(job.key)
@@ -203,15 +203,15 @@ class Store:
 
     def _check_head(self) -> None:
         path, ours = self.folder / "sweep.json", json.dumps(self._head)
-        if not path.exists() or not self._all_parts():  # nothing was made yet of what it says
+        if not path.exists() or not self._all_parts():  # no rows yet
             write_whole(path, ours.encode(), ELSEWHERE)
             return
         try:
-            theirs = json.loads(path.read_text())
+            stored = json.loads(path.read_text())
         except ValueError:
-            theirs = None
+            stored = None
         for name, what in (("axes", "axes"), ("version", "version of phalanx")):
-            if not isinstance(theirs, dict) or theirs.get(name) != self._head[name]:
+            if not isinstance(stored, dict) or stored.get(name) != self._head[name]:
                 raise UsageError(f"{self.folder} has a sweep with other {what}", ELSEWHERE)
 
     def _unwritable(self, error: OSError) -> Unavailable:
@@ -225,7 +225,7 @@ def _type(values: tuple[Cell, ...]) -> str:
 
 
 def points(sweep: Plan, rows: Iterator[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Average the runs of each grid point, in grid order; rows of other points are left out."""
+    """Average the runs of each grid point, in grid order; ignore rows of other points."""
     at: dict[tuple[Cell, ...], list[dict[str, Any]]] = {}
     of_job = {job.key: at.setdefault(tuple(value for _, value in job.point), []) for job in sweep.jobs}
     for row in rows:

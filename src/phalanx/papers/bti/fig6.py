@@ -1,4 +1,4 @@
-"""RoboRebound Fig. 6: bandwidth and storage of 25 robots at 4 m, for more auditors and for rarer rounds of audits."""
+"""RoboRebound Fig. 6: bandwidth and storage of 25 robots at 4 m spacing, by f_max and by T_audit."""
 
 from __future__ import annotations
 
@@ -18,24 +18,27 @@ ROBOTS, SPACING_M = 25, 4.0
 F_MAX, T_AUDIT_S = (1, 2, 3, 4, 5), (2, 4, 6, 8, 10)
 PAPERS_F_MAX, PAPERS_T_S = 3, 4
 UNPROTECTED = "f_max 0;T_audit 4 s"
-# By how much medians may differ and count as the same; and by how much the log's growth from the paper's.
+# Relative difference up to which medians count as equal, and up to which log growth matches the paper's.
 SAME, NEAR = 0.35, 0.1
 
 
 def point(f_max: int, t_audit_s: int) -> str:
-    """Return the name of a point, less its seed."""
+    """Return the name of a point, without the seed."""
     return f"f_max {f_max};T_audit {t_audit_s} s"
 
 
 def cases(seeds: int) -> list[str]:
-    """Nobody audits; and each of the others."""
+    """Return all cases: the run without audits first, then each f_max with each T_audit."""
     return costs.cases_of([UNPROTECTED, *(point(f_max, t_s) for f_max in F_MAX for t_s in T_AUDIT_S)], seeds)
 
 
 def scenario_of(case: str) -> Scenario:
-    """T_val is 10 s, and 2.5 T_audit where that is more: as many rounds as with the paper's."""
-    said, t_audit, _ = case.split(";")
-    f_max, t_s = int(said.split()[1]), int(t_audit.split()[1])
+    """Return the scenario of a case.
+
+    T_val is the larger of 10 s and 2.5 T_audit, so that it spans as many audit rounds as in the paper.
+    """
+    f_max_part, t_audit, _ = case.split(";")
+    f_max, t_s = int(f_max_part.split()[1]), int(t_audit.split()[1])
     bti = BtiConfig(f_max=f_max or PAPERS_F_MAX, t_audit_ms=1000 * t_s, t_val_ms=max(10_000, 2500 * t_s))
     return Scenario(
         name="bti-fig6",
@@ -50,17 +53,17 @@ def scenario_of(case: str) -> Scenario:
 
 
 def origin() -> dict[str, str]:
-    """Return the settings that two measurements in one file must share."""
+    """Return the settings that must be equal for two measurements to share a CSV."""
     return {"scenario": repr(scenario_of(f"{point(PAPERS_F_MAX, PAPERS_T_S)};seed 0"))}
 
 
 def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
-    """One run."""
+    """Run one case and return its row."""
     return costs.measure_costs(scenario_of(case), tell)
 
 
 def compare(table: Table) -> list[Statement]:
-    """Compare ours with what §5.2 says of Fig. 6."""
+    """Compare our measurements with the statements about Fig. 6 in §5.2."""
     papers = point(PAPERS_F_MAX, PAPERS_T_S)
     over_f = [point(f_max, PAPERS_T_S) for f_max in F_MAX]
     over_t = [point(PAPERS_F_MAX, t_s) for t_s in T_AUDIT_S]

@@ -1,6 +1,6 @@
 """Run the flock of RoboRebound §5.3 over many seeds, with compromised robots and without: Figures 2, 8 and 9.
 
-They are drawn from their CSV alone: distance to the goal over time, and where everybody ends.
+The figures are drawn from their CSV alone: distance to the goal over time, and the final positions.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from phalanx.world.scenarios.run import Run
 
 CASES = ("honest", "attacked")
 COLUMNS = ("t_s", "robot", "state", "x_m", "y_m")
-HONEST, LIAR, STOPPED = STATES = 0, 1, 2  # what a robot is, in `state`
+HONEST, LIAR, STOPPED = STATES = 0, 1, 2  # values of the column `state`
 EVERY_S = 5.0
-# A run is advanced in steps, so that progress is seen and Ctrl-C heard.
+# A run advances in steps of this length, so that it can report progress and respond to Ctrl-C.
 STEP_S = 1.0
 
 
 def cases(seeds: int) -> list[str]:
-    """Seed by seed."""
+    """Return the cases ordered by seed."""
     return [f"{case} seed {seed}" for seed in range(seeds) for case in CASES]
 
 
 def split(case: str) -> tuple[str, int]:
-    """(honest or attacked, seed)."""
+    """Return the kind of a case (`honest` or `attacked`) and its seed."""
     kind, _, seed = case.split(" ")
     return kind, int(seed)
 
 
 def _states(run: Run) -> NDArray[np.int8]:
     states = np.full(len(run.ids), HONEST, np.int8)
-    lying = [told["robot"] - 1 for told in run.summary()["compromised"] if told["first_deviation_s"] is not None]
+    lying = [robot["robot"] - 1 for robot in run.summary()["compromised"] if robot["first_deviation_s"] is not None]
     states[lying] = LIAR
     states[run.in_safe_mode] = STOPPED
     return states
@@ -50,36 +50,36 @@ def _states(run: Run) -> NDArray[np.int8]:
 
 @dataclass(frozen=True, slots=True)
 class FlockRun:
-    """One run."""
+    """Recorded trajectory and summary of one run."""
 
     case: str  # honest or attacked
     seed: int
     times_s: NDArray[np.float64]  # (T,)
     positions_m: NDArray[np.float64]  # (T, N, 2)
     states: NDArray[np.int8]  # (T, N) int8: HONEST, LIAR, STOPPED
-    summary: dict[str, Any]  # as `phalanx sim run --json`, less the series
+    summary: dict[str, Any]  # as printed by `phalanx sim run --json`, without the time series
 
     @property
     def liars(self) -> NDArray[np.bool_]:
-        """(N,), who was compromised."""
+        """Return (N,) flags of the compromised robots."""
         liars = np.zeros(self.positions_m.shape[1], bool)
-        liars[[told["robot"] - 1 for told in self.summary["compromised"]]] = True
+        liars[[robot["robot"] - 1 for robot in self.summary["compromised"]]] = True
         return liars
 
     def distances_m(self, goal_m: tuple[float, float]) -> NDArray[np.float64]:
-        """(T, N), to the goal. Source: RoboRebound Fig. 8."""
+        """Return (T, N) distances to the goal. Source: RoboRebound Fig. 8."""
         distances: NDArray[np.float64] = np.sqrt(((self.positions_m - np.array(goal_m)) ** 2).sum(axis=2))
         return distances
 
 
 @dataclass(frozen=True, slots=True)
 class FlockRuns:
-    """A table's runs, by case and seed."""
+    """Runs of one table, by case and seed."""
 
     runs: dict[tuple[str, int], FlockRun]
 
     def seeds(self) -> list[int]:
-        """Those of which each case is there."""
+        """Return the seeds for which every case was measured."""
         cases = {case for case, _ in self.runs}
         seeds = {seed for _, seed in self.runs}
         return sorted(seed for seed in seeds if all((case, seed) in self.runs for case in cases))
@@ -90,11 +90,11 @@ class FlockRuns:
 
 
 def runs_of(table: Table) -> FlockRuns:
-    """The runs in a table. Raises: UsageError: a case of it is no run of a flock."""
+    """Parse the runs in a table. Raises: UsageError: a case is not a valid flock run."""
     try:
         return FlockRuns({split(case): _run(case, rows, table.kept[case]) for case, rows in table.cases.items()})
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise UsageError(f"a case of {table.figure} is no run of a flock: {error}", "measure it again") from error
+        raise UsageError(f"a case of {table.figure} is not a valid flock run: {error}", "measure it again") from error
 
 
 def _run(case: str, rows: Rows, summary: dict[str, Any]) -> FlockRun:
@@ -109,8 +109,9 @@ def _run(case: str, rows: Rows, summary: dict[str, Any]) -> FlockRun:
 def mean_distances_m(
     table: FlockRuns, case: str, goal_m: tuple[float, float], *, of_the_honest_in_both: bool = True
 ) -> NDArray[np.float64]:
-    """(S, T): of each seed, the mean distance to the goal of the robots that are honest; by default of those that are
-    so in both cases, so that the same robots are compared. Source: RoboRebound Fig. 8.
+    """Return (S, T) mean distances to the goal of the honest robots, by seed. Source: RoboRebound Fig. 8.
+
+    By default only robots that are honest in both cases count, so that the same robots are compared.
     """
     counted = table.of("attacked" if of_the_honest_in_both else case)
     runs = zip(table.of(case), counted, strict=True)
@@ -118,9 +119,9 @@ def mean_distances_m(
 
 
 def read_reference() -> dict[str, NDArray[np.float64]]:
-    """Each series of data/flock_reference.csv, (T, 4): t_s; mean, least and greatest distance of the honest robots, m.
+    """Return the series of data/flock_reference.csv, each (T, 4): t_s; mean, least, greatest distance (honest), m.
 
-    Source: an independent flocking script, see the file.
+    Source: an independent flocking script; see the header of the CSV.
     """
     series: dict[str, list[list[float]]] = {}
     for row in read_data("flock_reference.csv"):
@@ -131,27 +132,27 @@ def read_reference() -> dict[str, NDArray[np.float64]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flock:
-    """Definition of one of the figures."""
+    """Definition of one flock figure: its scenario, reference series and comparison."""
 
     COLUMNS = COLUMNS
     cases = staticmethod(cases)
     check = staticmethod(runs_of)
 
     name: str  # of the built-in scenario
-    reference: Mapping[str, str]  # by case, the series of data/flock_reference.csv that belongs beside ours, if any
-    find: Callable[[FlockRuns], list[Statement]]  # what the paper says, the independent reference, and ours
+    reference: Mapping[str, str]  # by case, the series of data/flock_reference.csv to draw beside ours, if any
+    find: Callable[[FlockRuns], list[Statement]]  # compares the runs with the paper and the independent reference
 
     def scenario(self, case: str, seed: int) -> Scenario:
-        """Return the built-in scenario; in the honest case without its attack."""
+        """Return the built-in scenario; for the honest case without its attack."""
         chosen = replace(find_scenario(self.name), seed=seed)
         return chosen if case == "attacked" else replace(chosen, attacks=())
 
     def origin(self) -> dict[str, Any]:
-        """Return the settings that two measurements in one file must share: the whole scenario and the sampling."""
+        """Return the settings that must be equal for two measurements to share a CSV: scenario and sampling."""
         return {"scenario": repr(self.scenario("attacked", 0)), "every_s": EVERY_S}
 
     def measure_case(self, case: str, tell: Callable[[float], None]) -> tuple[Rows, dict[str, Any]]:
-        """A row for each sample and robot; and the run's summary, less the series and what was the machine's."""
+        """Run one case. Return a row per sample and robot, and the summary without series and machine speed."""
         kind, seed = split(case)
         scenario = self.scenario(kind, seed)
         run, rows = Run(scenario), []
@@ -167,5 +168,5 @@ class Flock:
         return np.concatenate(rows), {key: value for key, value in run.summary().items() if key not in drop}
 
     def compare(self, table: Table) -> list[Statement]:
-        """Return the statements that a table supports."""
+        """Compare the runs in a table with the paper and the reference."""
         return self.find(runs_of(table))

@@ -1,8 +1,8 @@
-"""RoboRebound Figs. 2, 8 and 9: flocks with robots that lie, and keep the others away from the goal or are stopped.
+"""RoboRebound Figs. 2, 8 and 9: flocks whose compromised robots keep the others from the goal until they are stopped.
 
-Of Fig. 2 the paper gives neither places, nor gains, nor the time: `bti-fig2` says ours, with obstacles that push
-(c1_beta and c2_beta 0.5; Table 3 has 0 for an evaluation without obstacles). The ten share the work, so that each
-robot hears as many lies as in Fig. 8; ten times as many fill the channel.
+For Fig. 2 the paper gives neither positions nor gains nor duration, so `bti-fig2` uses our own. Its obstacles repel
+(c1_beta and c2_beta 0.5; Table 3 has 0, for an evaluation without obstacles). The ten attackers share the work, so that
+each robot receives as many false states as in Fig. 8; ten times as many would saturate the channel.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from phalanx.papers.table import Rows
 
 from .flock import Flock, FlockRun, FlockRuns, mean_distances_m, read_reference
 
-# Where the grid of obstacles ends; 125 robots 20 m apart fill 118 m about the goal, and obstacles take some of that.
+# Radius about the goal that the flock fills: 125 robots 20 m apart need 118 m, and obstacles take some of that.
 ARRIVED_M = 140.0
-# When honest robots have come to rest.
+# From this time on honest robots have come to rest.
 LATE_FROM_S = 200.0
 MOST_PCT = 50.0
 TIMES_S = (50.0, 100.0, 150.0)
-# Two implementations of one law, whose broadcasts come at other moments.
+# Tolerance between two implementations of the same control law that broadcast at different times.
 HONEST_SHARE = 0.03
-# When the flock has come to rest before the lies. Whose name is used for whom is drawn, so that now and then a robot
-# slips through: the reference's own mean sinks by 3 % from then to the end, and ours by up to 5 % in single seeds.
+# From this time on the flock is at rest under attack. The attacker draws the forged sender at random, so that now and
+# then a robot gets past: the reference's mean sinks by 3 % until the end, and ours by up to 5 % for single seeds.
 PLATEAU_FROM_S = 100.0
 PLATEAU_SHARE = 0.05
-# How far the reference's flock ever is from its own baseline when its liar is switched off after 10 s.
+# Largest distance of the reference's flock from its own baseline when its attacker is switched off after 10 s.
 NEAR_M = 4.0
 
 
 def compare_many(table: FlockRuns) -> list[Statement]:
-    """Compare ours with Fig. 2. Source: RoboRebound §2.4."""
+    """Compare our measurements with Fig. 2. Source: RoboRebound §2.4."""
     honest, attacked = table.of("honest"), table.of("attacked")
     arrived = np.array([100 * (_to_goal_m(run)[-1] <= ARRIVED_M).mean() for run in honest])
     nearest = np.array([_to_goal_m(run)[_late(run)].min(axis=1).mean() for run in attacked])
@@ -58,7 +58,7 @@ def compare_many(table: FlockRuns) -> list[Statement]:
             paper="all move around them",
             ours=f"{hit} of {sum(run.positions_m.shape[1] for run in honest)}",
             agrees=hit == 0,
-            why="none, looked at every 5 s",
+            why="none, checked every 5 s",
         ),
         Statement(
             what=f"mean distance from {LATE_FROM_S:g} s on, m, all honest; ten liars",
@@ -68,17 +68,17 @@ def compare_many(table: FlockRuns) -> list[Statement]:
             why="with liars at least twice as far, every seed",
         ),
         Statement(
-            what=f"correct robots farther than {ARRIVED_M:g} m from then on, %, ten liars",
-            paper="even those that hear no liar are affected",
+            what=f"correct robots farther than {ARRIVED_M:g} m from {LATE_FROM_S:g} s on, %, ten liars",
+            paper="even those out of range of all liars are affected",
             ours=f"{quantiles(away)}; the nearest at {quantiles(nearest)} m",
             agrees=bool((away > MOST_PCT).all()),
-            why="most of them, every seed; lies are at z = 150 m, and liars themselves go on to the goal",
+            why="most of them, every seed; false positions are 150 m from the goal; the liars themselves go on to it",
         ),
     ]
 
 
 def _to_goal_m(run: FlockRun) -> NDArray[np.float64]:
-    """(T, correct robots)."""
+    """Return (T, correct robots) distances to the goal."""
     return run.distances_m(_goal())[:, ~run.liars]
 
 
@@ -92,7 +92,7 @@ def _late(run: FlockRun) -> NDArray[np.bool_]:
 
 
 def _inside(run: FlockRun) -> NDArray[np.bool_]:
-    """(T, N), whether a robot is within an obstacle."""
+    """Return (T, N) flags of the robots inside an obstacle."""
     found = np.zeros(run.positions_m.shape[:2], bool)
     for each in FIG2.scenario("honest", 0).obstacles:
         assert isinstance(each, Disc), "the figure's are round"
@@ -101,7 +101,7 @@ def _inside(run: FlockRun) -> NDArray[np.bool_]:
 
 
 def compare_unstopped(table: FlockRuns) -> list[Statement]:
-    """Compare ours with Fig. 8 and with the independent reference.
+    """Compare our measurements with Fig. 8 and with the independent reference.
 
     Source: RoboRebound §5.3; docs/spec/world.md (tolerances: 3 % honest).
     """
@@ -111,7 +111,7 @@ def compare_unstopped(table: FlockRuns) -> list[Statement]:
         table,
         mean_distances_m(table, "honest", goal_m, of_the_honest_in_both=False),
         "honest",
-        words="all honest",
+        robots="all honest",
         at_the_end="near the goal at 150 s",
         agrees=lambda ours_m, reference_m: bool(np.all(np.abs(ours_m / reference_m - 1) <= HONEST_SHARE)),
         why=f"every seed within {HONEST_SHARE:.0%} of the reference",
@@ -130,33 +130,33 @@ def compare_unstopped(table: FlockRuns) -> list[Statement]:
             reference=f"{reference_m:.1f}",
             ours=quantiles(ours_m),
             agrees=bool(np.all(np.abs(ours_m / reference_m - 1) <= PLATEAU_SHARE)),
-            why=f"every seed within {PLATEAU_SHARE:.0%} of the reference: lies are at z = 150 m, spacing comes on top",
+            why=f"every seed within {PLATEAU_SHARE:.0%} of the reference: z = 150 m, plus the spacing",
         ),
         Statement(
             what="seeds in which the liar was stopped",
-            paper="none: nobody stops it",
+            paper="none: there is no defence",
             ours=f"{len(stopped)} of {len(attacked)}",
             agrees=not stopped,
-            why="there is no defence",
+            why="the run has no defence",
         ),
         Statement(
-            what="times that two robots touched: all honest; one liar",
+            what="contacts between two robots: all honest; one liar",
             paper="flocking avoids crashes",
             ours=f"{touched.sum():.0f}; {quantiles(pressed, '.0f')}",
             agrees=not touched.any(),
-            why="none while all are honest; the law knows no collisions, so that a liar can press robots together",
+            why="none while all are honest; the control law has no collision term, so a liar can push robots together",
         ),
     ]
 
 
 def compare_stopped(table: FlockRuns) -> list[Statement]:
-    """Compare ours with Fig. 9 and with the independent reference.
+    """Compare our measurements with Fig. 9 and with the independent reference.
 
     Source: RoboRebound §5.3; docs/promises.md (P1, P2); docs/spec/world.md (within 4 m of the baseline).
     """
     scenario = FIG9.scenario("attacked", 0)
     liars = [run.summary["compromised"][0] for run in table.of("attacked")]
-    lived_s = np.array(
+    delay_s = np.array(
         [np.inf if each["safe_mode_s"] is None else each["safe_mode_s"] - each["first_deviation_s"] for each in liars]
     )
     bound_s = scenario.bti.stop_bound_ms(output_missing=False) / 1000
@@ -167,17 +167,17 @@ def compare_stopped(table: FlockRuns) -> list[Statement]:
     apart_m = np.abs(attacked_m - honest_m).max(axis=1)
     return [
         Statement(
-            what="from its first lie to Safe Mode, s",
+            what="from the first false state to Safe Mode, s",
             paper="disabled quickly; at most T_val (§4)",
-            ours=quantiles(lived_s, ".2f"),
-            agrees=bool(lived_s.max() <= bound_s),
+            ours=quantiles(delay_s, ".2f"),
+            agrees=bool(delay_s.max() <= bound_s),
             why=f"every seed within T_val + P_check + 1 ms = {bound_s:.3f} s; T_val of 10 s is our choice: the paper's "
             "text gives no value",
         ),
         Statement(
             what="correct robots put in Safe Mode, all runs",
             paper="none",
-            ours=f"{wronged}, and {alone} for want of a quorum",
+            ours=f"{wronged}, and {alone} for lack of a quorum",
             agrees=wronged == alone == 0,
             why=f"of {len(both)} runs of {scenario.robots} robots, half of them without a liar",
         ),
@@ -193,7 +193,7 @@ def compare_stopped(table: FlockRuns) -> list[Statement]:
             table,
             attacked_m,
             "stopped_at_25s",
-            words="one liar",
+            robots="one liar",
             at_the_end="as without a liar",
             agrees=lambda ours_m, reference_m: bool(
                 abs(np.median(ours_m) - reference_m) <= max(NEAR_M, HONEST_SHARE * reference_m)
@@ -208,19 +208,19 @@ def _at_times(
     means_m: Rows,
     series: str,
     *,
-    words: str,
+    robots: str,
     at_the_end: str,
     agrees: Callable[[Rows, float], bool],
     why: str,
 ) -> list[Statement]:
-    """Compare (S, T) mean distances with a series of the reference at TIMES_S, between two samples in proportion."""
+    """Compare (S, T) mean distances with a series of the reference at TIMES_S, interpolated linearly."""
     found = []
     for t_s in TIMES_S:
         ours_m = np.array([np.interp(t_s, table.of("honest")[0].times_s, row) for row in means_m])
         reference_m = float(np.interp(t_s, *read_reference()[series].T[:2]))
         found.append(
             Statement(
-                what=f"mean distance at {t_s:g} s, {words}, m",
+                what=f"mean distance at {t_s:g} s, {robots}, m",
                 paper=at_the_end if t_s == TIMES_S[-1] else "",
                 reference=f"{reference_m:.1f}",
                 ours=quantiles(ours_m),

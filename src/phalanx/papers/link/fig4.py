@@ -1,14 +1,14 @@
-"""Qrkey Fig. 4: what a broker costs in packets and in milliseconds, and what our sealing adds to it.
+"""Qrkey Fig. 4: packet loss and latency through a broker, and the overhead of our sealing.
 
-Every 500 ms a packet of 20 characters is published, and received back by subscribing to its topic. It goes once as it
-is and once sealed, half an interval apart, so that both see the same broker and the same network. The packet is
+Every 500 ms a packet of 20 characters is published and received again by subscribing to its topic. It is sent once in
+plain and once sealed, half an interval apart, so that both use the same broker and network. The packet is
 
     7 digits   sequence number, from 0
-    13 digits  when it was sent, milliseconds since 1970
+    13 digits  time of sending, milliseconds since 1970
 
-and counts as back only if all 20 characters are. A sealed packet is the payload of the link's envelope, opened with a
-replay cache as by any client; both travel on topics of the link's own form and length, made afresh for every run.
-Latency is monotonic time from before the packet is sealed and handed over until it has come back and is opened.
+A packet counts as back only if all 20 characters match. A sealed packet is the payload of the link's envelope, opened
+with a replay cache as in any client. Both kinds use topics of the link's own form and length, new for every run.
+Latency is monotonic time from before sealing and sending until the packet was received and opened.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ async def measure(
     lost_after_s: float = 10.0,
     connect_timeout_s: float = 15.0,
 ) -> Path:
-    """Complete the CSV in `folder` with all packets of `duration` seconds; go on where an earlier run was stopped.
+    """Complete the CSV in `folder` with all packets of `duration` seconds, and continue an interrupted run.
 
     Args:
-        on_progress: gets the number of each packet before it is sent, and how many there will be.
-        interval_s: between two packets of one kind; the paper's.
-        lost_after_s: a packet not back by then is lost. The paper does not say when it gave up.
-        connect_timeout_s: how long to wait for the broker at the start; later it is waited for without end.
+        on_progress: called before each packet with its number and the total.
+        interval_s: time between two packets of one kind, as in the paper.
+        lost_after_s: a packet that is not back by then is lost. The paper gives no timeout.
+        connect_timeout_s: time limit for the first connection; later reconnections have none.
     Returns: the CSV's path.
     Raises: UsageError: a bad URL, or a CSV of another measurement. Unavailable: no broker, or the disk is full.
     """
@@ -82,7 +82,7 @@ async def measure(
 
 
 class _Probe:
-    """Sends `count` packets of each kind on time, whatever becomes of those before them, and records the outcomes."""
+    """Sender of `count` packets of each kind at fixed times, independent of replies; records every outcome."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class _Probe:
         self._epochs: dict[Kind, Epoch] = {kind: derive_epoch(new_pin(LINK.pin_digits, os.urandom)) for kind in KINDS}
         self._topics = {kind: full_topic(LINK.root, self._epochs[kind].topic, "notify") for kind in KINDS}
         self._cache = ReplayCache(LINK.replay_capacity, LINK.tolerance_s)
-        # By packet: its sequence number, wall clock and monotonic clock when it was sent.
+        # By packet: its sequence number, and wall clock and monotonic clock at the time of sending.
         self._under_way: dict[tuple[Kind, str], tuple[int, float, float]] = {}
         self._given_up: dict[tuple[Kind, str], tuple[int, float, float]] = {}
         self._sending: set[asyncio.Task[bool]] = set()
@@ -115,27 +115,27 @@ class _Probe:
         )
 
     async def run(self) -> None:
-        """Send what is missing, and wait until each packet is back or lost.
+        """Send the missing packets, and wait until each packet is back or lost.
 
         Raises: Unavailable: no broker at the start, or the disk is full.
         """
-        staying = self._link.start()
+        connection = self._link.start()
         pacing = asyncio.create_task(self._pace())
         try:
-            # A connection that fails for good must end the measurement, not look like 100 % loss.
-            done, _ = await asyncio.wait((staying, pacing), return_when=asyncio.FIRST_COMPLETED)
+            # A connection that fails permanently must end the measurement, not look like 100 % loss.
+            done, _ = await asyncio.wait((connection, pacing), return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
         except asyncio.CancelledError:
-            # Neither back nor lost: to drop them would hide losses, to count them as lost would make some up.
+            # Neither back nor lost: dropping them would hide losses, counting them as lost would invent some.
             for (kind, _), (seq, sent_at_s, _) in self._under_way.items():
                 self._write(Row(seq, kind, sent_at_s, "cut"))
             raise
         finally:
-            tasks: tuple[asyncio.Task[Any], ...] = (staying, pacing, *self._sending)
+            tasks: tuple[asyncio.Task[Any], ...] = (connection, pacing, *self._sending)
             for task in tasks:
                 task.cancel()
-            # A broker that hangs must not hold up the end.
+            # A broker that does not respond must not block the exit.
             await asyncio.wait(tasks, timeout=CLOSE_TIMEOUT_S)
 
     async def _pace(self) -> None:
@@ -151,7 +151,7 @@ class _Probe:
                     await asyncio.sleep(max(0.0, due_s - time.monotonic()))
                     self._send(kind, seq)
                     self._give_up()
-                # A machine that slept does not make up for it in a burst: that would be another measurement.
+                # After the machine slept, do not send the missed packets in a burst: that would be another measurement.
                 due_s = max(due_s, time.monotonic() - self._interval_s) + self._interval_s / 2
         self._on_progress(self.count, self.count)
         while self._under_way:
@@ -165,8 +165,8 @@ class _Probe:
         payload = packet.encode()
         if kind == "sealed":
             payload = seal(encode_envelope(packet, now_s), self._epochs[kind], os.urandom(IV_BYTES))
-        # Not awaited: a broker that stalls must not delay the next packets, whose latency would then look short. What
-        # cannot be sent is not sent later, and so will be lost.
+        # Not awaited: a stalled broker must not delay the next packets, whose latency would then look short. A packet
+        # that cannot be sent is not sent later, and so counts as lost.
         task = asyncio.create_task(self._link.send((Publish(self._topics[kind], payload),)))
         self._sending.add(task)
         task.add_done_callback(self._sending.discard)
@@ -176,7 +176,7 @@ class _Probe:
         try:
             packet = self._open(payload) if kind == "sealed" else payload.decode("ascii")
         except (OpenError, UnicodeDecodeError) as error:
-            # A public broker may bring anybody's bytes.
+            # A public broker may deliver messages of other clients.
             log.debug("not a packet: %s", error)
             return
         now_s = time.monotonic()
@@ -187,7 +187,7 @@ class _Probe:
 
     def _open(self, payload: bytes) -> str:
         opened = open_envelope(payload, self._epochs["sealed"], time.time(), self._cache, LINK.max_to_client_bytes)
-        assert isinstance(opened, Envelope), "no pin message was allowed"
+        assert isinstance(opened, Envelope), "the envelope was opened without accepting pin messages"
         return str(opened.payload)
 
     def _write(self, row: Row) -> None:
@@ -205,5 +205,5 @@ class _Probe:
 
 
 def make_packet(seq: int, now_s: float) -> str:
-    """The 20 characters: 7 digits of sequence number, 13 of milliseconds since 1970."""
+    """Return the 20 characters of a packet: 7 digits of sequence number, 13 of milliseconds since 1970."""
     return f"{seq:07d}{int(now_s * 1000):013d}"

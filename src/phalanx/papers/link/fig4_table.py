@@ -1,4 +1,4 @@
-"""The packets of Fig. 4: a line each in the table; the paper's figures computed from them; and the picture."""
+"""The packets of Fig. 4: one line each in the table; the paper's metrics computed from them, and the comparison."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Outcome = Literal["back", "lost", "late", "cut"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 COLUMNS = ("seq", "kind", "sent_at_s", "outcome", "latency_ms")
 SLOW_MS = 200.0  # the paper's limit
-# The paper's own, Qrkey §V: one kind of packet, through HiveMQ's public broker, for 15 h.
+# The paper's results, Qrkey §V: one kind of packet, through HiveMQ's public broker, for 15 h.
 PAPER = {"sent": 108_471, "lost": 0, "mean_ms": 21.55, "slow_pct": 1.194, "longest_slow_run": 70}
 
 
@@ -28,9 +28,9 @@ class Row:
     seq: int  # counts up from 0, for each kind
     kind: Kind
     sent_at_s: float  # seconds since 1970
-    # Back in time; lost; late, back after it had been counted as lost; or cut, under way when we stopped.
+    # back: in time. lost: not back in time. late: back after it was counted as lost. cut: pending when the run ended.
     outcome: Outcome
-    # From before sealing to after opening, by a monotonic clock; None unless it came back.
+    # Monotonic time from before sealing to after opening; None unless the packet came back.
     latency_ms: float | None = None
 
 
@@ -38,24 +38,26 @@ Packets = dict[Kind, tuple[Row, ...]]
 
 
 def head(*, broker: str, interval_s: float, lost_after_s: float, version: str) -> Table:
-    """Of the table. Another version of the program may go on with it: what is measured is the broker and the network.
+    """Return an empty table with the origin of this measurement.
 
-    `broker` is mosquitto for one of ours, else its URL; never a login.
+    Another version of the program may continue it, because the broker and the network are what is measured.
+    `broker` is `mosquitto` for a broker that we start, else its URL; never a login.
     """
     origin = {"broker": broker, "interval_s": interval_s, "lost_after_s": lost_after_s, "version": version}
     return Table("link-fig4", origin, COLUMNS, by_line=True, free=frozenset({"version"}))
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """Of its line."""
+    """Return the cells of a packet's line in the CSV."""
     latency = "" if row.latency_ms is None else f"{row.latency_ms:.3f}"
     return str(row.seq), row.kind, f"{row.sent_at_s:.3f}", row.outcome, latency
 
 
 def packets(table: Table) -> Packets:
-    """By kind and in the order of sequence numbers, one row each: a late packet has two lines, first lost, then late.
+    """Return the packets by kind, in order of sequence number, one row each.
 
-    Raises: UsageError: a line is none, or the head does not say with what they were measured.
+    A late packet has two lines, first lost, then late; the second replaces the first.
+    Raises: UsageError: a line is not a packet, or the head lacks part of the origin.
     """
     found: dict[Kind, dict[int, Row]] = {kind: {} for kind in KINDS}
     if table.columns != COLUMNS or {"broker", "interval_s", "lost_after_s"} - table.origin.keys():
@@ -69,35 +71,35 @@ def packets(table: Table) -> Packets:
     return {kind: tuple(rows[seq] for seq in sorted(rows)) for kind, rows in found.items()}
 
 
-def _told(words: str, form: str) -> dict[str, str]:
-    """How a figure is told to people."""
+def _shown(words: str, form: str) -> dict[str, str]:
+    """Return the metadata of a metric: its label and number format."""
     return {"words": words, "form": form}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """The figures of Qrkey §V, for one kind of packet; None where there are no packets of which to tell."""
+    """Metrics of Qrkey §V for one kind of packet; None where no packet has the value."""
 
-    sent: int = field(metadata=_told("packets sent", "d"))
-    lost: int = field(metadata=_told("lost", "d"))
-    late: int = field(metadata=_told("  of these, back too late", "d"))
-    undecided: int = field(metadata=_told("under way when interrupted", "d"))  # counted in nothing below
-    reliability_pct: float | None = field(metadata=_told("reliability, %", ".4f"))
-    # These four over every packet that came back, however late.
-    mean_ms: float | None = field(metadata=_told("mean latency, ms", ".2f"))
-    median_ms: float | None = field(metadata=_told("median, ms", ".2f"))
-    p99_ms: float | None = field(metadata=_told("99th percentile, ms", ".2f"))
-    max_ms: float | None = field(metadata=_told("largest, ms", ".2f"))
-    # The lost among them.
-    slow_pct: float | None = field(metadata=_told("above 200 ms, %", ".3f"))
-    longest_slow_run: int = field(metadata=_told("longest run above 200 ms", "d"))
+    sent: int = field(metadata=_shown("packets sent", "d"))
+    lost: int = field(metadata=_shown("lost", "d"))
+    late: int = field(metadata=_shown("  of these, back too late", "d"))
+    undecided: int = field(metadata=_shown("under way when interrupted", "d"))  # excluded from all metrics below
+    reliability_pct: float | None = field(metadata=_shown("reliability, %", ".4f"))
+    # These four include every packet that came back, however late.
+    mean_ms: float | None = field(metadata=_shown("mean latency, ms", ".2f"))
+    median_ms: float | None = field(metadata=_shown("median, ms", ".2f"))
+    p99_ms: float | None = field(metadata=_shown("99th percentile, ms", ".2f"))
+    max_ms: float | None = field(metadata=_shown("largest, ms", ".2f"))
+    # These two count lost packets as slow.
+    slow_pct: float | None = field(metadata=_shown("above 200 ms, %", ".3f"))
+    longest_slow_run: int = field(metadata=_shown("longest run above 200 ms", "d"))
 
 
 def summarize(rows: Sequence[Row]) -> Summary:
-    """The figures for the rows of one kind, in the order of sequence numbers.
+    """Compute the metrics for the rows of one kind, in order of sequence numbers.
 
-    Source: Qrkey §V. What it leaves open is decided against us: a lost packet counts as above 200 ms, in the share
-    and in a run, and a late one enters the mean.
+    Source: Qrkey §V. Where it is ambiguous we choose the worse value for us: a lost packet counts as above 200 ms,
+    in the share and in a run, and a late one enters the mean.
     """
     sent = rows[-1].seq + 1 if rows else 0
     decided = [row for row in rows if row.outcome != "cut"]
@@ -119,25 +121,25 @@ def summarize(rows: Sequence[Row]) -> Summary:
 
 
 def report(table: Table) -> Report:
-    """The paper's figures, and ours for each kind of packet."""
+    """Report the paper's metrics, and ours for each kind of packet."""
     ours = {kind: asdict(summarize(rows)) for kind, rows in packets(table).items()}
     paper = {**PAPER, "reliability_pct": 100.0}
     rows: list[dict[str, Any]] = []
-    lines = [f"{'':28}" + "".join(f"{who:>10}" for who in ("paper", *KINDS))]
+    lines = [f"{'':28}" + "".join(f"{title:>10}" for title in ("paper", *KINDS))]
     for each in fields(Summary):
         row: dict[str, Any] = {"paper": paper.get(each.name), **{kind: ours[kind][each.name] for kind in KINDS}}
         rows.append({"metric": each.name, **row})
-        told = ("-" if value is None else format(value, each.metadata["form"]) for value in row.values())
-        lines.append(f"{each.metadata['words']:28}" + "".join(f"{cell:>10}" for cell in told))
+        texts = ("-" if value is None else format(value, each.metadata["form"]) for value in row.values())
+        lines.append(f"{each.metadata['words']:28}" + "".join(f"{cell:>10}" for cell in texts))
     return Report(rows, lines, {"broker": table.origin["broker"]})
 
 
 def compare(table: Table) -> list[Statement]:
-    """Compare ours with what Qrkey §V says of Fig. 4."""
+    """Compare our measurements with the statements about Fig. 4 in Qrkey §V."""
     ours = [summarize(rows) for rows in packets(table).values()]
     broker = table.origin["broker"]
 
-    def told(name: str, form: str) -> str:
+    def values_text(name: str, form: str) -> str:
         values = [getattr(each, name) for each in ours]
         return "; ".join("-" if value is None else format(value, form) for value in values)
 
@@ -145,32 +147,32 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="packets lost, plain; sealed",
             paper=f"{PAPER['lost']} of {PAPER['sent']}",
-            ours=f"{told('lost', 'd')} of {told('sent', 'd')}",
+            ours=f"{values_text('lost', 'd')} of {values_text('sent', 'd')}",
             agrees=all(each.lost == 0 for each in ours),
             asked="not worse",
             why="none",
         ),
         *(
             Statement(
-                what=f"{words}, plain; sealed",
+                what=f"{label}, plain; sealed",
                 paper=f"{PAPER[name]:g}",
-                ours=told(name, form),
+                ours=values_text(name, form),
                 agrees=all((getattr(each, name) or 0) <= PAPER[name] for each in ours),
                 asked="not worse",
                 why=f"no more than the paper's, through HiveMQ's public broker; ours through {broker}",
             )
-            for name, words, form in (("mean_ms", "mean latency, ms", ".2f"), ("slow_pct", "above 200 ms, %", ".3f"))
+            for name, label, form in (("mean_ms", "mean latency, ms", ".2f"), ("slow_pct", "above 200 ms, %", ".3f"))
         ),
     ]
 
 
 def is_slow(row: Row) -> bool:
-    """Return whether a packet took more than 200 ms, or never came."""
+    """Return whether a packet took more than 200 ms or was lost."""
     return row.latency_ms is None or row.latency_ms > SLOW_MS
 
 
 def quantile(ordered: Sequence[float], share: float) -> float | None:
-    """The smallest value that `share` of all values do not exceed; None if there are none."""
+    """Return the smallest value that at least `share` of all values do not exceed; None if there are none."""
     return ordered[max(0, math.ceil(share * len(ordered)) - 1)] if ordered else None
 
 
@@ -182,7 +184,7 @@ def _longest_slow_run(decided: Iterable[Row]) -> int:
     longest = run = 0
     before = -1
     for row in decided:
-        # A packet of which we know nothing ends a run: it may have been fast.
+        # A packet of unknown outcome ends a run: it may have been fast.
         run = (run if row.seq == before + 1 else 0) + 1 if is_slow(row) else 0
         before = row.seq
         longest = max(longest, run)

@@ -1,7 +1,7 @@
-"""Run one drive through the office and localise it by the encoded graph: Figures 8a, 8b, 8c and 10.
+"""Drive through the office once and localise with the encoded graph: Encoded graphs Figs. 8a, 8b, 8c and 10.
 
-The drive is recorded once: true poses, turns of the wheels, ranges. Every noise of the odometry, every kind of landmark
-and every grid is then replayed on the same scans, as the paper does with its recording of 150 s.
+The drive is recorded once: true poses, wheel motion, ranges. Each odometry noise, landmark kind and grid size is then
+replayed on the same scans, as the paper does with its recording of 150 s.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ PATH_M = (
     (22.0, 3.5), (25.0, 7.5), (25.5, 10.0), (25.7, 11.7), (29.8, 12.0), (30.2, 13.5), (30.3, 16.0),
 )  # fmt: skip
 
-# A replay only localises: nothing is to be done by when.
+# A replay only localises; the mission must not time out.
 PATIENT = MissionConfig(timeout_s=1e6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """A recording."""
+    """Recording of one drive."""
 
-    poses: NDArray[np.float64]  # (T, 3) true ones, map frame
-    motions: NDArray[np.float64]  # (T, 2) way and turn by the wheels since the sample before
+    poses: NDArray[np.float64]  # (T, 3) true poses, map frame
+    motions: NDArray[np.float64]  # (T, 2) wheel motion since the previous sample: distance in m, turn in rad
     scans: tuple[LaserScan, ...]
 
     @property
@@ -64,11 +64,11 @@ class Drive:
 
 
 def driven(plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float) -> Iterator[tuple[Pose, Motion]]:
-    """Yield true poses of a robot on a path, and its wheel motion since the previous tick.
+    """Yield a robot's true poses along a path, and its wheel motion since the previous tick.
 
-    Between the places of the path it goes straight, and at its end it stands still: this goes on for ever.
+    The robot drives straight between the points of the path and stops at its end. The iterator never ends.
     """
-    assert plan.start is not None, "our floor plans say where robots begin"
+    assert plan.start is not None, "the built-in floor plans have a start pose"
     body, leg, motion = DiffDrive(plan, plan.start), 0, (0.0, 0.0)
     while True:
         yield body.pose, motion
@@ -84,7 +84,7 @@ def driven(plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: 
 
 @lru_cache(maxsize=2)
 def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
-    """The drive along PATH_M; the seed decides the noise of the lidar.
+    """Return the drive along PATH_M; the seed determines the noise of the lidar.
 
     Source: Encoded graphs §VI-B (150 s, lidar at 10 Hz).
     """
@@ -96,14 +96,14 @@ def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
 
 
 def office() -> Mission:
-    """The built-in mission of our floor plan's 32 landmarks."""
+    """Return the built-in mission with the 32 landmarks of the default floor plan."""
     text = (importlib.resources.files("phalanx") / "data" / "missions" / "office.yaml").read_text()
     return apart_in(load_floorplan(DEFAULT), plain_mission(yaml.safe_load(text)))
 
 
 @lru_cache(maxsize=16)
 def encoded(kinds: tuple[str, ...] = (), delta_mm: int = 100) -> EncodedMission:
-    """The office in the paper profile, any node at any time, with these kinds of landmarks or with all.
+    """Encode the office in the paper profile, with landmarks of these kinds or of all; nodes may come in any order.
 
     Source: Encoded graphs §VI-B (0.1 m).
     """
@@ -127,27 +127,27 @@ def encoded(kinds: tuple[str, ...] = (), delta_mm: int = 100) -> EncodedMission:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """A localised drive."""
+    """Localisation results of one drive."""
 
     odometry: NDArray[np.float64]  # (T, 3) poses by odometry alone
     estimates: NDArray[np.float64]  # (T, 3) poses with fixes
-    trials: NDArray[np.int64]
+    trials: NDArray[np.int64]  # (T,) hashes tried
 
 
 def replay(
     drive: Drive, mission: EncodedMission, noise: OdometryNoise, seed: int, feature_range_m: float = 10.0
 ) -> Replay:
-    """The drive as a robot believes it to be, that knows its start, its wheels and the encoded mission.
+    """Localise the drive as a robot that knows its start pose, its wheel motion and the encoded mission.
 
-    Any node of the mission can be decoded at any time; the seed is the noise's.
+    Any node of the mission can be decoded at any time. The seed determines the odometry noise.
     """
     walker, state = Walker(mission, config=PATIENT), State()
     alone = Odometry(drive.start, noise, np.random.default_rng([seed, 1]))
     belief = initial_belief(PATIENT, drive.start)
     extraction = ExtractionConfig(feature_range_m=feature_range_m)
     odometry, estimates, trials = [], [], []
-    for i, ((way, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
-        belief = belief.driven(alone.pose, alone.step(way, turn), wheels_of(PATIENT))
+    for i, ((distance_m, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
+        belief = belief.driven(alone.pose, alone.step(distance_m, turn), wheels_of(PATIENT))
         landmarks = extract(scan, extraction).landmarks(*belief.pose)
         seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.doubt)
         state, outcome = walker.step(state, seen)
@@ -160,13 +160,13 @@ def replay(
 
 
 def errors_m(drive: Drive, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(T,): from the true places to those believed."""
+    """Return (T,) distances from the true to the given positions."""
     errors: NDArray[np.float64] = np.hypot(*(poses[:, :2] - drive.poses[:, :2]).T)
     return errors
 
 
 def path_errors_m(table: Table, way: str) -> list[Rows]:
-    """(T,) of each case: from the true path to another, both columns of the table."""
+    """Return the (T,) distances of each case between the true path and the path `way`, both columns of the table."""
 
     def apart(case: str, axis: str) -> Rows:
         return table.column(case, f"{way}_{axis}_m") - table.column(case, f"true_{axis}_m")

@@ -1,8 +1,8 @@
 """Encoded graphs Fig. 9 and Table I: four robots that explore the office together and share only hashes.
 
-All begin at the main door. Planning needs no secret: the public graph is divided into four shares, each robot goes for
-its own first, and robots that meet prove to each other which nodes they decoded. What a robot saw of the floor itself
-stays with it. It ends when the team has found everything.
+All robots start at the main door. Planning needs no secret: the public graph is divided into four shares, and each
+robot visits its own share first. Robots that meet prove to each other which nodes they decoded; raw sensor data stays
+with each robot. A run ends when the team has decoded every node.
 """
 
 from __future__ import annotations
@@ -33,56 +33,56 @@ LIMIT_S = 900.0
 NOISE = OdometryNoise(0.03, 0.05, NoiseModel.STAGE)
 SAMPLE_TICKS = 10
 CELL_M = 0.5
-# Floor that the lidar sweeps so near is raw data that a robot has; the paper does not say how it counts.
+# Floor that the lidar sweeps within this range counts as raw data; the paper does not define how it counts.
 KNOWS_M = 5.0
 COLUMNS = ("t_s", "robot", "x_m", "y_m", "found", "told", "area", "error_m", "team")
 LANDMARKS = 32
 TEAM, ERROR, TOLD = COLUMNS.index("team"), COLUMNS.index("error_m"), COLUMNS.index("told")
-# Purple, orange, red, cyan.
+# Robots in the paper's order: purple, orange, red, cyan.
 PAPER_FOUND = (12, 16, 15, 11)
 PAPER_AREA_PCT = (23, 29, 41, 27)
 FOUND, AREA = COLUMNS.index("found"), COLUMNS.index("area")
 
 
 def measure_case(case: str, _tell: object = None) -> Rows:
-    """Of one seed, a row for each robot and sample.
+    """Run one seed; return a row for each robot and sample.
 
-    Columns: found: landmarks that it decoded itself; told: more that others proved to it; area: the share of the free
-    floor whose raw data it has; error_m: of its pose; team: landmarks that somebody decoded.
+    Columns: found: landmarks that the robot decoded; told: further landmarks that others proved; area: share of the
+    free floor of which the robot has raw data; error_m: of its pose; team: landmarks that any robot decoded.
     """
     seed = seed_of(case)
     plan = load_floorplan(DEFAULT)
-    assert plan.start is not None, "our floor plan says where robots begin"
+    assert plan.start is not None, "the default floor plan has a start pose"
     walker = _walker()
     part = Part(walker.mission, None, plan.start)
     run = MissionRun(plan=plan, parts=(part,), robots=ROBOTS, noise=NOISE, seed=seed, meet_m=MEET_M)
     world = MissionWorld(run, walkers=[walker])
     robots = world.robots
     shares = shares_of(walker)
-    everybody = frozenset().union(*shares)
+    all_nodes = frozenset().union(*shares)
     for robot, share in zip(robots, shares, strict=True):
-        _told(robot, everybody - share)
-    told: list[set[int]] = [set() for _ in robots]
+        _set_others(robot, all_nodes - share)
+    proved: list[set[int]] = [set() for _ in robots]
     floor = _floor(plan)
     known = np.zeros((ROBOTS, len(floor)), bool)
     rows = []
     for tick in range(round(LIMIT_S / STEP_S)):
         for k, robot in enumerate(robots):
-            if shares[k] != everybody and _has_done(robot, shares[k]):
-                # On to whatever nobody has told it of.
-                shares[k] = everybody
-                _told(robot, frozenset(told[k]))
+            if shares[k] != all_nodes and _has_done(robot, shares[k]):
+                # Its own share is done: go on to every node that no other robot has proved.
+                shares[k] = all_nodes
+                _set_others(robot, frozenset(proved[k]))
         found_by_all = frozenset().union(*map(_found, robots))
         for robot, share in zip(robots, shares, strict=True):
-            robot.rests = found_by_all == everybody or _has_done(robot, share)
+            robot.rests = found_by_all == all_nodes or _has_done(robot, share)
         busy = not all(robot.rests for robot in robots)
         world.advance((tick + 1) * STEP_S)
         for robot, proofs in world.meet():
-            told[robot.number] |= {node for node, _ in proofs}
+            proved[robot.number] |= {node for node, _ in proofs}
         if busy and tick % SAMPLE_TICKS:
             continue
         team = frozenset().union(*map(_found, robots)) - _starts(walker)
-        for robot, others in zip(robots, told, strict=True):
+        for robot, others in zip(robots, proved, strict=True):
             number = robot.number
             known[number] |= _seen(robot, floor)
             x, y, _ = robot.body.wheels.pose
@@ -102,15 +102,15 @@ def _walker() -> Walker:
 
 
 def shares_of(walker: Walker) -> list[frozenset[int]]:
-    """The nodes divided evenly among the robots: around ROBOTS nodes that are far from each other, counted in hops.
+    """Divide the nodes evenly among the robots, around ROBOTS nodes that are far from each other in hops.
 
-    Source: Encoded graphs §VI-E (robots share plans, based on the navigation graph only).
+    Source: Encoded graphs §VI-E: plans are shared, and they use the navigation graph only.
     """
     count = len(walker.mission.nodes)
     hops = [walker.map.distances(node, range(count), {}, ())[0] for node in range(count)]
     centres: list[int] = []
     for _ in range(ROBOTS):
-        # The first is far from the start, the others from those that were chosen.
+        # The first centre is far from the start, each further one far from the chosen ones.
         chosen = centres or [0]
         centres.append(max(range(count), key=lambda node: (min(hops[c][node] for c in chosen), -node)))
     owner: dict[int, int] = {}
@@ -123,7 +123,7 @@ def shares_of(walker: Walker) -> list[frozenset[int]]:
 
 
 def _starts(walker: Walker) -> frozenset[int]:
-    """Nodes that are no landmarks."""
+    """Return the nodes that are not landmarks."""
     return frozenset(range(len(walker.mission.nodes) - LANDMARKS))
 
 
@@ -135,21 +135,21 @@ def _found(robot: MissionRobot) -> frozenset[int]:
     return frozenset(robot.controller.memory.walk.opened)
 
 
-def _told(robot: MissionRobot, others: frozenset[int]) -> None:
-    """The robot takes it that others have been at these nodes, and at no more."""
+def _set_others(robot: MissionRobot, others: frozenset[int]) -> None:
+    """Set the nodes that the robot believes to be decoded by others."""
     memory = robot.controller.memory
     robot.controller.memory = replace(memory, walk=replace(memory.walk, others=others))
 
 
 def _floor(plan: FloorPlan) -> NDArray[np.float64]:
-    """(k, 2) middles of the cells of free floor."""
+    """Return (k, 2) centres of the cells of free floor."""
     x0, y0, x1, y1 = plan.bounds
     xs, ys = (np.arange(low + CELL_M / 2, high, CELL_M).tolist() for low, high in ((x0, x1), (y0, y1)))
     return np.array([(x, y) for x in xs for y in ys if plan.inside(x, y)])
 
 
 def _seen(robot: MissionRobot, floor: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(k,) the floor that the robot's lidar sweeps, up to KNOWS_M."""
+    """Return (k,) flags of the floor cells that the robot's lidar sweeps within KNOWS_M."""
     lidar, pose = robot.body.building.lidar, robot.body.wheels.pose
     config, (x, y, heading) = lidar.config, pose
     ranges = lidar.true_ranges(pose)
@@ -162,15 +162,15 @@ def _seen(robot: MissionRobot, floor: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def ends(table_case: Rows) -> Rows:
-    """(ROBOTS, columns) the last row of each robot."""
+    """Return (ROBOTS, columns), the last row of each robot."""
     return np.array([table_case[table_case[:, 1] == number][-1] for number in range(ROBOTS)])
 
 
 def compare_fig9(table: Table) -> list[Statement]:
-    """Compare ours with what §VI-C says of Fig. 9."""
+    """Compare our measurements with the statements about Fig. 9 in §VI-C."""
     last = [ends(rows) for rows in table.cases.values()]
     team = np.array([rows[:, TEAM].max() for rows in last])
-    met = np.array([np.count_nonzero(rows[:, TOLD]) for rows in last], float)
+    received = np.array([np.count_nonzero(rows[:, TOLD]) for rows in last], float)
     errors_m = np.array([rows[:, ERROR].max() for rows in table.cases.values()])
     return [
         Statement(
@@ -181,10 +181,10 @@ def compare_fig9(table: Table) -> list[Statement]:
             why="all, in every seed",
         ),
         Statement(
-            what=f"robots of {ROBOTS} that were told of hashes by another",
+            what=f"robots of {ROBOTS} that received hashes from another robot",
             paper="share their progress upon meeting",
-            ours=quantiles(met, ".0f"),
-            agrees=bool(np.all(met >= 2)),
+            ours=quantiles(received, ".0f"),
+            agrees=bool(np.all(received >= 2)),
             why="at least one meeting in every seed",
         ),
         Statement(
@@ -197,14 +197,14 @@ def compare_fig9(table: Table) -> list[Statement]:
 
 
 def values_at_end(table: Table, column: int) -> Rows:
-    """(seeds, ROBOTS), each seed's in ascending order: which robot is which is chance."""
+    """Return (seeds, ROBOTS) final values of a column, sorted within each seed because robots are interchangeable."""
     return np.sort([ends(rows)[:, column] for rows in table.cases.values()], axis=1)
 
 
 def compare_table1(table: Table) -> list[Statement]:
-    """Table I, and ours: robots by rank."""
+    """Compare Table I with our robots, by rank."""
     out, area_pct = [], 100 * values_at_end(table, AREA)
-    for words, papers, ours, near, why in (
+    for quantity, papers, ours, near, why in (
         (
             f"hashes found of {LANDMARKS}",
             PAPER_FOUND,
@@ -217,12 +217,12 @@ def compare_table1(table: Table) -> list[Statement]:
             PAPER_AREA_PCT,
             area_pct,
             10,
-            f"floor swept within {KNOWS_M:g} m; the paper says not how it counts",
+            f"floor swept within {KNOWS_M:g} m; the paper does not define how it counts",
         ),
     ):
         out += [
             Statement(
-                what=f"{words}, robot {rank + 1} by rank",
+                what=f"{quantity}, robot {rank + 1} by rank",
                 paper=str(paper),
                 ours=quantiles(ours[:, rank], ".0f"),
                 agrees=abs(float(np.median(ours[:, rank])) - paper) <= near,

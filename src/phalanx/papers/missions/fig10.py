@@ -1,7 +1,7 @@
 """Encoded graphs Fig. 10: an office with 23 QR codes, a camera, and odometry whose heading drifts.
 
-The paper drove a robot through a real office; here codes are drawn into pictures as its camera would see them, and read
-by the same decoder as any picture is.
+The paper drove a robot through a real office. Here the codes are drawn into the simulated camera's pictures, and the
+same decoder reads them as in real pictures.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ GRID_MM = 20  # Encoded graphs §VI-D
 CAMERA_TICKS = 4
 SPEED_MPS = 0.5
 END_M = 0.5
-# Measured: from the front a code's turn is told to 5 degrees, slanted by more than this to 1.
+# Measured: the decoder finds a code's orientation to 5 degrees from the front, and to 1 beyond this slant.
 SLANT_RAD, SLANT_M = math.radians(25), 3.5
-# One in a hundred, always, so that it adds up: from its front a code does not tell the heading, and with 2 % of every
-# turn a robot is lost between two codes now and then.
+# A fixed factor of 1.01, so that errors accumulate. With 1.02 a robot sometimes gets lost between two codes, because
+# a code seen from the front does not determine the heading.
 NOISE = OdometryNoise(0.01, 0.01, NoiseModel.FIXED)
 PAPER_CODES, PAPER_USED, PAPER_MAX_M = 23, 17, 0.413
 # Through the rooms in the north, the north-east, and the south, along the corridor.
@@ -62,14 +62,14 @@ cases = by_seed
 
 
 def mission_of(plan: FloorPlan) -> EncodedMission:
-    """The codes of a floor plan, any of them at any time, in the paper profile. Source: Encoded graphs §VI-D (2 cm)."""
-    assert plan.start is not None, "our floor plan says where robots begin"
+    """Encode a floor plan's codes in the paper profile, in any order. Source: Encoded graphs §VI-D (2 cm)."""
+    assert plan.start is not None, "the built-in floor plan has a start pose"
     draft = Draft("codes", coding=CodingConfig(delta_mm=GRID_MM), roam=True)
     draft.node("start", Position(*plan.start[:2]), start=True)
     last = "start"
     for code in plan.codes:
         turned = Landmark("qr", code.x_m, code.y_m, code.facing_rad, text=code.text)
-        # From afar a picture does not tell how a code is turned: then its place must do.
+        # A distant picture does not show how a code is turned: then its position alone must match.
         draft.node(code.text, turned, replace(turned, orientation_rad=None))
         draft.way(last, code.text, both=True)
         last = code.text
@@ -78,16 +78,16 @@ def mission_of(plan: FloorPlan) -> EncodedMission:
 
 @lru_cache(maxsize=1)
 def place() -> tuple[FloorPlan, EncodedMission]:
-    """Return the floor plan, and its codes as a mission."""
+    """Return the floor plan and the mission encoded from its codes."""
     plan = load_floorplan(MAP)
     return plan, mission_of(plan)
 
 
 def measure_case(case: str, _tell: object = None) -> Rows:
-    """The drive of one seed: a row for each picture."""
+    """Run the drive of one seed; return a row for each picture."""
     seed = seed_of(case)
     plan, mission = place()
-    assert plan.start is not None, "our floor plan says where robots begin"
+    assert plan.start is not None, "the built-in floor plan has a start pose"
     camera, chance = Camera(plan), np.random.default_rng([seed, 10])
     alone, belief = Odometry(plan.start, NOISE, np.random.default_rng([seed, 1])), initial_belief(PATIENT, plan.start)
     walker, state = Walker(mission, config=PATIENT), State()
@@ -117,11 +117,11 @@ def measure_case(case: str, _tell: object = None) -> Rows:
         rows.append((t_s, *(value for place in places for value in place[:2]), len(state.opened) - 1, *times))
         if math.dist(pose[:2], PATH_M[-1]) < END_M and math.hypot(way, turn) == 0.0 and tick:
             return np.array(rows)
-    raise AssertionError("the drive goes on until it returns")
+    raise AssertionError("driven() never ends")
 
 
 def _as_trusted(mark: Landmark, eye: Pose) -> Landmark:
-    """A code as it was seen; how it is turned only where its picture is near and clearly slanted."""
+    """Return the sighted code; without its orientation unless it is near and clearly slanted."""
     away_x, away_y = eye[0] - mark.x_m, eye[1] - mark.y_m
     slant = math.remainder((mark.orientation_rad or 0.0) - math.atan2(away_y, away_x), math.tau)
     slanted = abs(slant) > SLANT_RAD and math.hypot(away_x, away_y) < SLANT_M
@@ -129,17 +129,17 @@ def _as_trusted(mark: Landmark, eye: Pose) -> Landmark:
 
 
 def times_s(table: Table, stage: str) -> Rows:
-    """Return all times of a stage, of all cases."""
+    """Return all times of a stage over all cases, without the missing ones."""
     times = np.concatenate([table.column(case, stage) for case in table.cases])
     known: Rows = times[~np.isnan(times)]
     return known
 
 
 def compare(table: Table) -> list[Statement]:
-    """Compare ours with what §VI-D says of Fig. 10."""
+    """Compare our measurements with the statements about Fig. 10 in §VI-D."""
     with_codes_m = path_errors_m(table, "hash")
     largest = np.array([errors.max() for errors in with_codes_m])
-    last = np.array([errors.max() for errors in path_errors_m(table, "odometry")])
+    drift_m = np.array([errors.max() for errors in path_errors_m(table, "odometry")])
     used = np.array([table.column(case, "decoded")[-1] for case in table.cases])
     in_sight = [~np.isnan(table.column(case, "qrv_s")) for case in table.cases]
     sight = np.concatenate([errors[seen] for errors, seen in zip(with_codes_m, in_sight, strict=True)])
@@ -169,15 +169,15 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="largest error of odometry alone, m",
             paper="drifts with the heading",
-            ours=quantiles(last, ".2f"),
-            agrees=bool(np.all(last > 1.5 * largest)),
-            why="more than 1.5 times that with codes, in every seed; factors of 1.01, the paper's are unknown",
+            ours=quantiles(drift_m, ".2f"),
+            agrees=bool(np.all(drift_m > 1.5 * largest)),
+            why="more than 1.5 times that with codes, in every seed; factor 1.01; the paper gives none",
         ),
         Statement(
             what="reading a picture / finding its hashes, median times",
             paper="more than 10 on average",
             ours=f"{read_s / hash_s:.2g} ({1e3 * read_s:.3g} ms / {1e3 * hash_s:.3g} ms)",
             agrees=read_s / hash_s >= 10,
-            why="10 or more; our decoder is C++ and takes milliseconds, the search is Python around a kernel",
+            why="10 or more; our decoder is C++ and takes milliseconds; the search is Python around a kernel",
         ),
     ]

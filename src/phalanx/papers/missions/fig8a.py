@@ -1,4 +1,4 @@
-"""Encoded graphs Fig. 8a: a path of 150 s by odometry alone, by doorways, and by all landmarks, beside the truth."""
+"""Encoded graphs Fig. 8a: a path of 150 s by odometry alone, by doorways, by all landmarks, and the true path."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ COLUMNS = (
 )  # fmt: skip
 cases = by_seed
 NOISE = OdometryNoise(0.03, 0.05, NoiseModel.FIXED)
-# "any values below 0.15 m represent virtually zero error", Encoded graphs §VI-B.
+# "any values below 0.15 m represent virtually zero error", Encoded graphs §VI-B
 ZERO_M = 0.15
 WAYS = ("odometry", "doorways", "all")
 
 
 def measure_case(case: str, _tell: object = None) -> Rows:
-    """The path of one seed, at every tick of the lidar."""
+    """Return the paths of one seed, a row for each tick of the lidar."""
     seed = seed_of(case)
     drive = record(seed)
     doors = replay(drive, encoded(("doorway",)), NOISE, seed)
@@ -32,7 +32,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-    """Compare ours with Fig. 8a."""
+    """Compare our measurements with Fig. 8a."""
     alone, *encoded_m = (path_errors_m(table, way) for way in WAYS)
     share = np.array([np.mean(errors <= ZERO_M) for errors in encoded_m[-1]])
     last = np.array([errors[-1] for errors in alone])
@@ -42,20 +42,20 @@ def compare(table: Table) -> list[Statement]:
             paper="accumulates drift; 0 to 3 (axis of Fig. 8b)",
             ours=quantiles(last, ".2f"),
             agrees=bool(np.all(last > 1.0)),
-            why="more than 1 m in every seed; factor 1 + sigma, always (phalanx docs adr/0019: the paper does not say)",
+            why="more than 1 m in every seed; fixed factor 1 + sigma (the paper does not say; phalanx docs adr/0019)",
         )
     ]
-    for words, more, errors_m in zip(
+    for landmarks, remark, errors_m in zip(
         ("doorways only", "all landmarks"), (": the paper calls it virtually zero", ""), encoded_m, strict=True
     ):
         medians = np.array([np.median(errors) for errors in errors_m])
         out.append(
             Statement(
-                what=f"{words}, median error, m",
+                what=f"{landmarks}, median error, m",
                 paper="follows the truth",
                 ours=quantiles(medians, ".3f"),
                 agrees=bool(np.all(medians <= ZERO_M)),
-                why=f"at most {ZERO_M} m{more}",
+                why=f"at most {ZERO_M} m{remark}",
             )
         )
     out.append(

@@ -1,9 +1,9 @@
-"""Encoded graphs Fig. 8b: errors of odometry alone and with encoded landmarks, for growing noise of the odometry.
+"""Encoded graphs Fig. 8b: localisation error by odometry alone and with encoded landmarks, by odometry noise.
 
-The paper says neither what sigma is of nor how far its features reach. So five answers are measured. It reports a cliff
-near sigma_t = 0.06: that comes with a factor that is always 1 + sigma, and features no farther than 3 m. With this
-factor a robot is lost at sigma_r = 0.05 for the last 25 s. The drive turns by 207 degrees within ten seconds. The robot
-takes that for 10 more, and headings are searched up to 6. The factor that Stage draws leaves half of that at most.
+The paper defines neither what sigma scales nor how far its features reach, so five settings are measured. It reports a
+limit near sigma_t = 0.06. We reproduce that with a fixed factor of 1 + sigma and features within 3 m. With this factor
+the robot is lost at sigma_r = 0.05 for the last 25 s: the drive turns by 207 degrees within ten seconds, which odometry
+overstates by 10 degrees, and headings are searched up to 6. Stage's random factor causes at most half of that error.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from phalanx.world.building.odometry import NoiseModel, OdometryNoise
 from .drive import encoded, errors_m, record, replay
 
 LEVELS = ((0.03, 0.0), (0.0, 0.05), (0.05, 0.0), (0.06, 0.0), (0.075, 0.0))
-# (model, reach of features in m); the first is nearest to the paper's cliff.
+# (model, reach of features in m); the first is nearest to the paper's limit.
 SETTINGS = (
     (NoiseModel.FIXED, 3.0),
     (NoiseModel.STAGE, 3.0),
@@ -38,14 +38,14 @@ def _case(model: NoiseModel, reach_m: float, level: tuple[float, float], seed: i
 
 
 def cases(seeds: int) -> list[str]:
-    """Seed by seed, for a recording is kept for one seed."""
+    """Return the cases ordered by seed, because only the latest recordings are cached."""
     return [
         _case(model, reach_m, level, seed) for seed in range(seeds) for model, reach_m in SETTINGS for level in LEVELS
     ]
 
 
 def measure_case(case: str, _tell: object = None) -> Rows:
-    """Quantiles of the error over one drive."""
+    """Return the quantiles of the errors over one drive."""
     setting, sigmas, named = case.split(";")
     model, reach_m, _ = setting.split()
     sigma_t, sigma_r = map(float, sigmas.split())
@@ -57,26 +57,26 @@ def measure_case(case: str, _tell: object = None) -> Rows:
 
 
 def over_seeds(table: Table, model: NoiseModel, reach_m: float, level: tuple[float, float], name: str) -> Rows:
-    """Return (S,) of a setting and noise."""
+    """Return (S,) values of a column for one setting and noise level."""
     wanted = _case(model, reach_m, level, 0).removesuffix("0")
     return np.array([table.column(case, name)[0] for case in table.cases if case.startswith(wanted)])
 
 
 def compare(table: Table) -> list[Statement]:
-    """Compare ours with what §VI-B says of Fig. 8b."""
+    """Compare our measurements with the statements about Fig. 8b in §VI-B."""
     first = SETTINGS[0]
     robust, limit = "robust up to sigma_t = 0.05", "a limit around sigma_t = 0.06: landmarks are not matched any more"
     zero = f"at most {ZERO_M} m in every seed: the paper calls it virtually zero"
     lost = f"{LOST_M:g} m, twice the paper's search of ±{TOLERANCE_M} m"
     found = f"found again in every seed: at most {lost}"
-    near = "no limit found: landmarks that are seen from 10 m leave no way long enough to drift 0.5 m"
-    asked = [
+    near = "no limit found: landmarks seen from 10 m are too close to each other to drift 0.5 m between them"
+    criteria = [
         *((setting, level, "median", robust, zero) for setting in SETTINGS for level in LEVELS[:3]),
         *((setting, level, "largest", robust, found) for setting in SHORT for level in LEVELS[:3]),
         *((first, level, "lost", limit, f"lost in every seed: more than {lost}") for level in LEVELS[3:]),
         *((setting, LEVELS[4], "median", "", near) for setting in SETTINGS[2:]),
     ]
-    return [_statement(table, *each) for each in asked]
+    return [_statement(table, *each) for each in criteria]
 
 
 def _statement(

@@ -1,7 +1,7 @@
-"""Encoded graphs Fig. 8c: how long it takes to find landmarks in a scan, and to search their hashes, for finer grids.
+"""Encoded graphs Fig. 8c: time to extract landmarks from a scan, and to search their hashes, by grid size.
 
-The paper's Python takes a hundred times as long for the landmarks as for the hashes. Compiled, landmarks take tens of
-microseconds, so the ratio turns round; so both are measured compiled and as plain Python with hashlib.
+In the paper's Python the extraction takes a hundred times as long as the hash search. Compiled, the extraction takes
+tens of microseconds and the ratio inverts. So both are measured compiled, and as plain Python with hashlib.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ from .drive import encoded, record
 GRIDS_MM = (400, 200, 100, 50, 25)
 # (2 rings + 1)^2 for ±0.5 m, Encoded graphs §VI-B.
 PAPER_CELLS = (9, 25, 121, 441, 1681)
-SCANS = 60  # of a drive, evenly
-# Half a metre to all sides, as in the paper (§VI-B), because the robot is less sure than that.
+SCANS = 60  # per drive, evenly spaced
+# Search half a metre to all sides, as in the paper (§VI-B): the robot's pose is less certain than that (LOST).
 PAPERS = MissionConfig(tolerance_m=0.5)
 LOST = (1.0, 0.0, 0.0, 1.0, 0.0, 1e-4)
-DRIFT_M = 0.15  # standard deviation of the estimate on each axis, as between two fixes
+DRIFT_M = 0.15  # standard deviation of the estimate on each axis, typical between two fixes
 COLUMNS = ("compiled_s", "plain_s", "trials")
 EXTRACTION = "extraction"
 
 
 def cases(seeds: int) -> list[str]:
-    """Seed by seed: the landmarks once, the search for each grid."""
+    """Return the cases ordered by seed: the extraction once, the search for each grid."""
     kinds = (EXTRACTION, *(f"grid {grid_mm}" for grid_mm in GRIDS_MM))
     return [f"{kind};seed {seed}" for seed in range(seeds) for kind in kinds]
 
 
 def measure_case(case: str, _tell: object = None) -> Rows:
-    """(SCANS, 3) times of one drive's scans, and hashes tried."""
+    """Return (SCANS, 3): compiled and plain times for the scans of one drive, and hashes tried."""
     kind, named = case.split(";")
     seed = seed_of(named)
     drive = record(seed)
@@ -82,13 +82,13 @@ def _extraction_s(scans: list[LaserScan]) -> Rows:
 
 
 def _plain_extraction_s(scans: list[LaserScan]) -> Rows:
-    """The same, uncompiled: in a process of its own, for that is decided when kernels are imported."""
+    """Measure the uncompiled extraction, in a new process: kernels choose the compiled form on import."""
     with mock.patch.dict(os.environ, PHALANX_PURE="1"), ProcessPoolExecutor(1, get_context("spawn")) as pool:
         return pool.submit(_extraction_s, scans).result()
 
 
 def _search_s(scans: list[LaserScan], poses: NDArray[np.float64], grid_mm: int) -> tuple[Rows, Rows]:
-    """(seconds, hashes) until the first match, or until all is tried, for each scan as if it were the first."""
+    """Return (seconds, hashes) until the first match or the end of the search, with a new search for each scan."""
     mission, config = encoded((), grid_mm), PAPERS
     nodes = tuple(range(len(mission.nodes)))
     took, trials = [], []
@@ -96,12 +96,12 @@ def _search_s(scans: list[LaserScan], poses: NDArray[np.float64], grid_mm: int) 
         x, y, heading = pose.tolist()
         search = PaperSearch(mission, config)
         nothing_seen = Experience(0.0, x, y, heading, spread=LOST)
-        list(search.run(nodes, nothing_seen, (), b"", Budget(config.hash_tries)))  # groups
+        list(search.run(nodes, nothing_seen, (), b"", Budget(config.hash_tries)))  # builds the groups
         seen = Experience(0.0, x, y, heading, spread=LOST, landmarks=extract(scan).landmarks(x, y, heading))
         budget = Budget(config.hash_tries)
         started = time.perf_counter()
         next(search.run(nodes, seen, (), b"", budget), None)
-        if not first:  # which takes longer
+        if not first:  # the first call takes longer
             took.append(time.perf_counter() - started)
             trials.append(budget.used)
     return np.array(took), np.array(trials, float)
@@ -109,7 +109,7 @@ def _search_s(scans: list[LaserScan], poses: NDArray[np.float64], grid_mm: int) 
 
 @contextmanager
 def use_plain_hash() -> Iterator[None]:
-    """While the body runs, a search hashes as the paper does it: hashlib, one hash after the other."""
+    """While the body runs, hash as the paper does: with hashlib, one hash at a time."""
     around: Any = search_cells
     of_all: Any = search_shapes
     with (
@@ -121,11 +121,11 @@ def use_plain_hash() -> Iterator[None]:
 
 
 def plain_find(template: U64x1, word: int, shift: np.uint64, patches: U64x1, targets: U64x2) -> tuple[int, int]:
-    """`find` of phalanx.crypto.sha3, uncompiled."""
+    """Uncompiled equivalent of `find` in phalanx.crypto.sha3."""
     wanted = {row.tobytes(): k for k, row in reversed(list(enumerate(targets)))}
     padded, at = bytearray(template.tobytes()), 8 * word + int(shift) // 8
     padded[-1] ^= 0x80
-    trial = bytearray(padded.rstrip(b"\0")[:-1])  # without its suffix
+    trial = bytearray(padded.rstrip(b"\0")[:-1])  # without the padding suffix
     for i, patch in enumerate(patches.tolist()):
         trial[at : at + 8] = patch.to_bytes(8, "little")
         row = wanted.get(hashlib.sha3_256(trial).digest())
@@ -135,12 +135,12 @@ def plain_find(template: U64x1, word: int, shift: np.uint64, patches: U64x1, tar
 
 
 def all_of(table: Table, kind: str, column: str) -> Rows:
-    """Return the times of a kind, of all cases."""
+    """Return the times of a kind over all cases."""
     return np.concatenate([table.column(case, column) for case in table.cases if case.startswith(f"{kind};")])
 
 
 def compare(table: Table) -> list[Statement]:
-    """Compare ours with what §VI-B says of Fig. 8c."""
+    """Compare our measurements with the statements about Fig. 8c in §VI-B."""
     rings = [math.ceil(PAPERS.tolerance_m * MM_PER_M / grid_mm + 0.5) - 1 for grid_mm in GRIDS_MM]
     cells = tuple((2 * each + 1) ** 2 for each in rings)
     out = [
@@ -152,7 +152,7 @@ def compare(table: Table) -> list[Statement]:
             why="the same",
         )
     ]
-    for column, words in (("plain_s", "plain Python"), ("compiled_s", "compiled")):
+    for column, code in (("plain_s", "plain Python"), ("compiled_s", "compiled")):
         extraction_s = all_of(table, EXTRACTION, column)
         for grid_mm in GRIDS_MM:
             search_s = all_of(table, f"grid {grid_mm}", column)
@@ -163,11 +163,11 @@ def compare(table: Table) -> list[Statement]:
             ]
             why = "10 or more: another machine, another extraction"
             if column == "compiled_s":
-                # hashlib was compiled all along; the extraction of the paper and the plain one here were not.
-                why = f"10 or more; to compile makes landmarks {gains[0]:.0f} times as fast, the search {gains[1]:.1f}"
+                # hashlib is compiled in both cases; the paper's extraction and the plain one here are not.
+                why = f"10 or more; compiled: extraction {gains[0]:.0f} times as fast, search {gains[1]:.1f}"
             out.append(
                 Statement(
-                    what=f"landmarks / hashes, median times, {words}, {grid_mm / 1000:g} m",
+                    what=f"landmarks / hashes, median times, {code}, {grid_mm / 1000:g} m",
                     paper="about 100 on average, 1 at worst",
                     ours=f"{ratio:.2g} ({1e3 * np.median(extraction_s):.3g} ms / {1e3 * np.median(search_s):.3g} ms)",
                     agrees=ratio >= 10,

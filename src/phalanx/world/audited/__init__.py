@@ -1,1 +1,1 @@
-"""Robots that audit each other: the world as arrays, and the compiled loop of events over it."""
+"""Robots that audit each other: the world as arrays, and the compiled event loop that advances it."""

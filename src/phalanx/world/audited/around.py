@@ -23,7 +23,7 @@ class Around:
         self._boxes = world.boxes[:, :2], world.boxes[:, 2:]  # least and greatest corners
 
     def look(self, rob_id: int, _t_s: float, place_m: tuple[float, float], *, lies: bool) -> bytes:
-        """Return the bytes behind the motion in a robot's reading; a compromised robot's sensors measure the same."""
+        """Return the bytes after the motion in a robot's reading; a compromised robot's sensors measure the same."""
         del lies
         here = np.array(place_m)
         others = np.delete(self._world.pos, rob_id - 1, axis=0)[: len(self._world.fleet.robot) - 1]
@@ -32,14 +32,14 @@ class Around:
         return self._ranges(here, discs).astype(RANGE).tobytes() + self._touched(here, discs).tobytes()
 
     def _ranges(self, here: NDArray[np.float64], discs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distance along each beam, (B,), m; infinity for nothing in range."""
+        """Return the distance along each beam, (B,), m; infinity if nothing is in range."""
         rel = discs[:, :2] - here
         along = self._beams @ rel.T  # (B, K)
         chord = discs[:, 2] ** 2 - ((rel**2).sum(axis=1) - along**2)
         with np.errstate(invalid="ignore", divide="ignore"):
             near = along - np.sqrt(chord)
             hit = np.where((chord >= 0) & (along + np.sqrt(chord) >= 0), np.maximum(near, 0.0), np.inf)
-            # Where along the beam it enters and leaves each of a box's two strips.
+            # Distances along the beam at which it enters and leaves each of a box's two strips.
             to = [(side - here)[None] / self._beams[:, None] for side in self._boxes]  # (B, K, 2)
             first, last = np.minimum(*to), np.maximum(*to)
         inside = (self._boxes[0] <= here) & (here <= self._boxes[1])

@@ -1,8 +1,8 @@
 """Robots' bodies: their sensors, the effect of commands, their motion, and contacts.
 
 There are two kinds: a point mass that accelerates (the paper's flocks), and two wheels with an LED (the demo's robots).
-A controller's declaration chooses the kind by its reading and its command. A body is moved only when its place is
-needed. Contacts are counted and do not stop a robot, because the flocking law knows no collisions.
+A controller's declaration selects the kind by its reading and its command. A body is moved only when its position is
+needed. Contacts are counted and do not stop a robot, because the flocking law has no collision term.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from phalanx.world.radio.reach import Reach, walled
 
 from .world import World
 
-POINT_MASS, WHEELS = table.KIND_SENSOR, table.KIND_WHEELS_SENSOR  # a body is named by the kind of its reading
+POINT_MASS, WHEELS = table.KIND_SENSOR, table.KIND_WHEELS_SENSOR  # a kind of body has the tag of its reading
 COMMANDS = {POINT_MASS: table.ACCELERATION, WHEELS: table.WHEELS_COMMAND}
 SENSOR_BYTES = table.SENSOR.size
 COMMAND_BYTES = table.ACCELERATION.size
@@ -44,13 +44,13 @@ def driven_by(controller: Declaration) -> int:
     """
     kind = int(controller.reads.tag or 0)
     if COMMANDS.get(kind) is not controller.commands:
-        raise UsageError(f"no body says {controller.reads.name} and obeys {controller.commands.name}")
+        raise UsageError(f"no body has readings {controller.reads.name} and commands {controller.commands.name}")
     return kind
 
 
 @kernel
 def advance(world: World, i: int) -> None:
-    """Move robot i to where its last command has brought it by now. Source: RoboRebound §4."""
+    """Move robot i to its position at the current time under its last command. Source: RoboRebound §4."""
     now_us = world.clock[0].now_us
     if world.clock[0].body == POINT_MASS:
         accelerated(world.pos, world.vel, world.acc, world.moved_us, i, now_us)
@@ -115,7 +115,7 @@ def sensed(world: World, i: int, rob_id: int, now_ms: int) -> int:
 
 @kernel
 def actuate(world: World, i: int, command: Row, length: int) -> None:
-    """Apply a command within the actuators' limits; bytes that are no command of this body do nothing.
+    """Apply a command within the actuators' limits; ignore bytes that are not a command of this body.
 
     Source: RoboRebound §4; docs/spec/world.md.
     """
@@ -144,12 +144,12 @@ def accelerate(acc: F64x2, i: int, ax: float, ay: float, most_mps2: float) -> No
 
 
 @kernel
-def _clip(asked: float, most: float) -> float:
-    if asked >= most:
+def _clip(value: float, most: float) -> float:
+    if value >= most:
         return most
-    if asked <= -most:
+    if value <= -most:
         return -most
-    return asked if asked == asked else 0.0  # noqa: PLR0124 (the one number that is not itself)
+    return value if value == value else 0.0  # noqa: PLR0124 - false for NaN only
 
 
 @kernel
@@ -172,22 +172,22 @@ def halt(world: World, i: int) -> None:
 
 @kernel
 def robot_contacts(pos: F64x2, last: F64x2, reach: Reach, contact_m: float) -> int:
-    """Return how many pairs of robots came closer than `contact_m` since the last look; each contact counts once.
+    """Return how many pairs of robots came closer than `contact_m` since the last check; each contact counts once.
 
-    Robots are assumed to go straight between two looks, so none passes through another unseen. Distances are between
-    centres.
+    Robots are assumed to move straight between two checks, so none passes through another unnoticed. Distances are
+    between centres.
 
     Args:
         pos: (N, 2), m, for which `reach` was rebuilt, with a range of at least `contact_m`.
-        last: (N, 2), m, `pos` at the last look; NaN at the first.
+        last: (N, 2), m, `pos` at the last check; NaN at the first.
     """
     count = 0
     limit = contact_m * contact_m
-    # Robots farther apart than this cannot have met since the last look.
+    # Robots farther apart than this cannot have been in contact since the last check.
     far = contact_m + 2.0 * _longest_step(pos, last) + 0.01
     beyond = far * far
     for i in range(len(pos)):
-        if reach.least_m[i] > far + reach.skin_m:  # since then two robots have come nearer by the skin at most
+        if reach.least_m[i] > far + reach.skin_m:  # since the rebuild two robots have approached by at most the skin
             continue
         for at in range(reach.near[i], reach.near[i + 1]):
             k = int(reach.maybe[at])
@@ -204,7 +204,7 @@ def robot_contacts(pos: F64x2, last: F64x2, reach: Reach, contact_m: float) -> i
 
 @kernel
 def _longest_step(pos: F64x2, last: F64x2) -> float:
-    """Return the longest way of a robot since the last look, m; a robot that was not there then counts as 0."""
+    """Return the longest distance moved by a robot since the last check, m; 0 for a robot without last position."""
     longest = 0.0
     for i in range(len(pos)):
         x, y = pos[i, 0] - last[i, 0], pos[i, 1] - last[i, 1]
@@ -215,7 +215,7 @@ def _longest_step(pos: F64x2, last: F64x2) -> float:
 
 @kernel
 def _closest(from_x: float, from_y: float, to_x: float, to_y: float) -> float:
-    """Return the least squared distance from the origin to a segment; to its end if its beginning is NaN."""
+    """Return the least squared distance from the origin to a segment, or to its end if its start is NaN."""
     if math.isnan(from_x + from_y):
         return to_x * to_x + to_y * to_y
     step_x, step_y = to_x - from_x, to_y - from_y
@@ -228,10 +228,10 @@ def _closest(from_x: float, from_y: float, to_x: float, to_y: float) -> float:
 
 @kernel
 def obstacle_contacts(pos: F64x2, last: F64x2, discs: F64x2, boxes: F64x2, contact_m: float) -> int:
-    """Return how many robots have come to touch an obstacle since the last look; each contact counts once.
+    """Return how many robots came into contact with an obstacle since the last check; each contact counts once.
 
-    A robot touches an obstacle if its centre is less than half of `contact_m` from the obstacle's edge. Only the places
-    at both looks count: at 10 m/s a robot goes half a metre in the 50 ms between them, and obstacles are larger.
+    A robot touches an obstacle if its centre is less than half of `contact_m` from the obstacle's edge. Only positions
+    at checks count: at 10 m/s a robot moves half a metre in the 50 ms between them, and obstacles are larger.
 
     Args:
         pos, last: as for `robot_contacts`.

@@ -1,8 +1,8 @@
-"""A queue of events in the order of simulated time, in arrays that are made once.
+"""Queue of events in order of simulated time, in preallocated arrays.
 
-A heap holds the events that are due within this millisecond. Later ones wait unsorted in a timer wheel of buckets, a
-millisecond each (Varghese and Lauck, SOSP 1987). So an event costs the same however many wait.
-Events of one microsecond come out in the order in which they went in, so a run is the same every time.
+A heap holds the events of the current window (1024 us). Later ones wait unsorted in a timer wheel with one bucket per
+window (Varghese and Lauck, SOSP 1987), so the cost per event does not depend on their number.
+Events of the same microsecond are popped in the order of insertion, so runs are reproducible.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from phalanx.kernel import kernel
 from phalanx.wire.fields import whole
 
 NOTHING = -1
-# Kinds of events of a robot: its sensors are due, a packet has arrived.
+# Kinds of events of a robot: time to read its sensors; arrival of a packet.
 CONTROL, MESSAGE = 10, 16
 NEVER_US = np.iinfo(np.int64).max
-# A bucket is 1024 µs; once round the wheel is 4.2 s, longer than a round of audits.
+# A bucket is 1024 µs; one turn of the wheel is 4.2 s, longer than a round of audits.
 BUCKETS, SHIFT = 4096, 10
-# Fields of `tally`: events that wait; pushes so far; pushes refused because the queue was full; waiting events that are
-# in the heap; the place released last; places ever used; the millisecond that the heap holds.
+# Fields of `tally`: waiting events; pushes so far; pushes refused because the queue was full; waiting events in the
+# heap; last released place; places ever used; window of the heap, in units of 1024 µs.
 _WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _TAKEN, _WINDOW = range(7)
 
 
 EVENT = layout(
     "t_us i8",
     "number i8",  # of the push
-    # Their meaning is the caller's.
+    # Defined by the caller.
     "kind robot arg i4",
-    "after i4",  # the next place of the same bucket, or the next that is free
+    "after i4",  # next place in the same bucket, or next free place
 )
 
 
 class Queue(NamedTuple):
-    """Room for a fixed number of events, each of which has a place while it waits."""
+    """Storage for a fixed number of waiting events, each in one place."""
 
-    heap: I32x1  # (C,), places of the events that are near, the earliest first
+    heap: I32x1  # (C,), places of the events in the heap, earliest first
     event: Annotated[Any, Records(EVENT)]  # (C,)
-    bucket: I32x1  # (BUCKETS,): the first place of each
+    bucket: I32x1  # (BUCKETS,), first place of each bucket
     tally: I64x1  # (7,)
 
 
@@ -50,12 +50,12 @@ pack = bundled(Queue)
 
 
 def make_queue(capacity: int) -> Queue:
-    """Return an empty queue for `capacity` waiting events; the radio needs at most two for each robot.
+    """Return an empty queue for up to `capacity` waiting events; the radio needs at most two for each robot.
 
-    Raises: UsageError: no room for a single event.
+    Raises: UsageError: the capacity is less than 1.
     """
     if capacity < 1:
-        raise UsageError(f"queue for {capacity} events", "at least 1")
+        raise UsageError(f"queue for {capacity} events", "use at least 1")
     queue = Queue(
         heap=np.zeros(capacity, np.int32),
         event=np.zeros(capacity, EVENT).view(np.recarray),
@@ -68,7 +68,7 @@ def make_queue(capacity: int) -> Queue:
 
 @kernel
 def push(queue: Queue, t_us: int, kind: int, robot: int, arg: int) -> int:
-    """Add an event. Returns: 0; -1: the queue is full, and the event is dropped and counted (`refused`)."""
+    """Add an event. Returns: 0; -1: the queue is full; the event is dropped and counted (`refused`)."""
     tally, place = queue.tally, queue.tally[_FREE]
     if place != NOTHING:
         tally[_FREE] = queue.event[place].after
@@ -118,13 +118,13 @@ def pop(queue: Queue) -> tuple[int, int, int, int]:
 
 @kernel
 def peek(queue: Queue) -> int:
-    """Return the robot of the next event if it is due within this millisecond, else NOTHING."""
+    """Return the robot of the next event if that is in the heap, else NOTHING."""
     return NOTHING if queue.tally[_NEAR] == 0 else whole(queue.event[queue.heap[0]].robot)
 
 
 @kernel
 def next_us(queue: Queue) -> int:
-    """Return when the earliest event is due, µs; NEVER_US if none waits."""
+    """Return the time of the earliest event, µs; NEVER_US if none waits."""
     if queue.tally[_WAITING] == 0:
         return NEVER_US
     _turn(queue)
@@ -133,13 +133,13 @@ def next_us(queue: Queue) -> int:
 
 @kernel
 def refused(queue: Queue) -> int:
-    """Return how many pushes found the queue full, ever: a run in which this is not 0 is wrong."""
+    """Return the number of pushes dropped because the queue was full; if it is not 0, the run is invalid."""
     return queue.tally[_REFUSED]  # type: ignore[no-any-return]
 
 
 @kernel
 def _wait(queue: Queue, place: int) -> None:
-    """Put an event into the heap if its millisecond has come, otherwise into its bucket."""
+    """Put an event into the heap if its window has come, otherwise into its bucket."""
     event = queue.event[place]
     window = event.t_us >> SHIFT
     if window <= queue.tally[_WINDOW]:
@@ -165,10 +165,10 @@ def _rise(queue: Queue, place: int) -> None:
 
 @kernel
 def _turn(queue: Queue) -> None:
-    """Turn the wheel until an event is in the heap; at least one must wait."""
+    """Advance the wheel until an event is in the heap; at least one must wait."""
     tally, turned = queue.tally, 0
     while tally[_NEAR] == 0:
-        if turned == BUCKETS:  # nothing for a whole turn: the rest is far away
+        if turned == BUCKETS:  # a whole turn without events: skip to the earliest
             tally[_WINDOW] = _earliest(queue) - 1
         turned += 1
         tally[_WINDOW] += 1
@@ -183,7 +183,7 @@ def _turn(queue: Queue) -> None:
 
 @kernel
 def _earliest(queue: Queue) -> int:
-    """Return the earliest millisecond in which an event in the wheel is due."""
+    """Return the earliest window of the events in the wheel."""
     window = NEVER_US
     for bucket in range(BUCKETS):
         place = int(queue.bucket[bucket])

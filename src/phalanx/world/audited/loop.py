@@ -1,8 +1,8 @@
-"""The loop of the simulator: take events in the order of microseconds, and handle each by one stage.
+"""Main loop of the simulator: take events in the order of time, and handle each in one stage.
 
 sense → control → actuate → broadcast → deliver → audit → enforce → move
 
-The loop returns when a robot that runs in Python has an event. The caller handles it (`pybot.handle`) and calls again.
+The loop returns when a robot that runs in Python has an event. The caller handles it (`pybot.handle`) and continues.
 Source: docs/spec/rebound.md, RoboRebound §3, §4 (the simulation).
 """
 
@@ -30,9 +30,9 @@ from .world import (
     prefetch_receiver,
 )
 
-# Kinds of events beside CONTROL, MESSAGE and the radio's ATTEMPT and TX_END.
+# Kinds of events besides CONTROL, MESSAGE and the radio's ATTEMPT and TX_END.
 ROUND, RETRY, CHECK, MOVE, WAKE = 11, 12, 13, 14, 15
-# An event that only Python gets: the radio has sent its last fragment, or given it up.
+# Event for robots in Python only: the radio has sent the last fragment, or given it up.
 SENT = 17
 REACHED, FOR_PYTHON = 0, 1
 
@@ -85,7 +85,7 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             move(world)
         elif world.safe[i] == 0:
             if kind == RETRY:
-                if world.retry_us[i] != now_us:  # an earlier one took its place
+                if world.retry_us[i] != now_us:  # replaced by an earlier retry
                     continue
                 world.retry_us[i] = -1
             if world.runs[i] != COMPILED:
@@ -100,7 +100,7 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
 
 @kernel
 def for_python(world: World, kind: int, i: int, arg: int) -> int:
-    """Note an event of a robot in Python for the caller of `run`. Returns: FOR_PYTHON."""
+    """Store an event of a robot in Python for the caller of `run`. Returns: FOR_PYTHON."""
     clock = world.clock[0]
     clock.kind, clock.robot, clock.arg = kind, i, arg
     return FOR_PYTHON
@@ -111,7 +111,7 @@ def for_python(world: World, kind: int, i: int, arg: int) -> int:
 
 @kernel
 def control(world: World, i: int) -> int:
-    """Read a robot's sensors, and handle the reading. Returns: FOR_PYTHON if Python has to. Source: Alg. 1."""
+    """Read a robot's sensors, and handle the reading. Returns: FOR_PYTHON if Python must handle it. Source: Alg. 1."""
     body.advance(world, i)
     if world.safe[i]:
         return 0
@@ -128,10 +128,10 @@ def control(world: World, i: int) -> int:
 
 @kernel
 def is_refused(world: World, i: int) -> bool:
-    """Return whether robot i's radio retries a packet for which its a-node has no airtime left.
+    """Return whether robot i's radio retries a packet that exceeds its a-node's airtime limit.
 
-    An a-node counts each transmission. Otherwise unicasts to nobody fill seven times the airtime of a bucket, and
-    stopped correct robots (docs/adr/0039).
+    An a-node counts every attempt. Otherwise unicasts to absent robots would use seven times the airtime of a bucket,
+    which caused correct robots to be stopped (docs/adr/0039).
     """
     if not radio.is_retry(world.air, i, world.clock[0].now_us) or i >= len(world.fleet.robot):
         return False
@@ -152,7 +152,7 @@ def transmitted(world: World, i: int, arg: int) -> None:
 
 @kernel
 def ended(world: World, end: radio.End) -> None:
-    """Note the receivers of a transmission, and its sender if its radio has room again."""
+    """Store the receivers of a transmission, and its sender if its radio has room again."""
     clock = world.clock[0]
     clock.next = 0
     clock.receivers = end.receivers
@@ -167,7 +167,7 @@ def ended(world: World, end: radio.End) -> None:
 
 @kernel
 def deliver(world: World, j: int) -> int:
-    """Deliver the packet to robot j. Returns: FOR_PYTHON if Python has to handle it. Source: RoboRebound Alg. 4."""
+    """Deliver the packet to robot j. Returns: FOR_PYTHON if Python must handle it. Source: RoboRebound Alg. 4."""
     if j >= len(world.fleet.robot) or world.safe[j]:
         return 0
     if world.runs[j] != COMPILED:
@@ -175,14 +175,14 @@ def deliver(world: World, j: int) -> int:
     prefetch_log(world, j)
     now = clock_ms(world, j)
     handlers.on_packet(world.fleet, j, world.work, now, world.packet, world.packet_len[0])
-    if world.work.used[actions.COUNT] > 0:  # seldom, and this is the loop's most frequent event
+    if world.work.used[actions.COUNT] > 0:  # rare, in the loop's most frequent event
         carry_out(world, j, now)
     return 0
 
 
 @kernel
 def packet_left(world: World, i: int, arrived: int) -> int:
-    """Handle a packet that left robot i's radio: after a fragment the next may follow. Source: RoboRebound §5.2."""
+    """Handle the end of a fragment's transmission by robot i: the next may follow. Source: RoboRebound §5.2."""
     if not request.is_fragment(world.packet, world.packet_len[0]) or i >= len(world.fleet.robot) or world.safe[i]:
         return 0
     if world.runs[i] != COMPILED:
@@ -198,7 +198,7 @@ def packet_left(world: World, i: int, arrived: int) -> int:
 
 @kernel
 def carry_out(world: World, i: int, now: int) -> None:
-    """Carry out the actions of robot i's event at `now` of its clock."""
+    """Carry out the actions of robot i's event at time `now` of its clock."""
     w, clock = world.work, world.clock[0]
     for k in range(w.used[actions.COUNT]):
         action = w.actions[k]
@@ -219,7 +219,7 @@ def carry_out(world: World, i: int, now: int) -> None:
 
 @kernel
 def retry_at(world: World, i: int, now: int, at_ms: int) -> None:
-    """Enqueue a retry of robot i at `at_ms` of its clock, unless an earlier one is there."""
+    """Enqueue a retry of robot i at `at_ms` of its clock, unless an earlier one is enqueued."""
     at_us = _retry_us(world, i, now, at_ms)
     if world.retry_us[i] < 0 or at_us < world.retry_us[i]:
         world.retry_us[i] = at_us
@@ -228,12 +228,12 @@ def retry_at(world: World, i: int, now: int, at_ms: int) -> None:
 
 @kernel
 def _addressed(world: World, packet: Row, to: int) -> int:
-    """Return the row that a packet goes to, or BROADCAST: an a-node believes the packet alone."""
+    """Return the index of a packet's receiver, or BROADCAST; an a-node trusts only the address in the packet."""
     if world.fleet.settings[0].profile != PLAIN:
         to = get_u16(packet, request.AT_DST) if request.is_audit(packet, len(packet)) else 0
     if to <= 0:
         return BROADCAST
-    # An id that no robot has is treated as a robot out of range.
+    # An unknown id is treated as a robot out of range.
     return to - 1
 
 
@@ -248,7 +248,7 @@ def _retry_us(world: World, i: int, now: int, at_ms: int) -> int:
 
 @kernel
 def transmit(world: World, i: int, packet: Row, length: int, to: int) -> int:
-    """Enqueue a packet in robot i's radio, for `to` (a robot's index) or BROADCAST. Returns: -1 if it is full."""
+    """Enqueue a packet in robot i's radio, for the robot with index `to` or BROADCAST. Returns: -1 if it is full."""
     return radio.enqueue(world.air, world.queue, i, packet, length, to, world.clock[0].now_us)
 
 
@@ -266,7 +266,7 @@ def judged(world: World, auditor: int, auditee_id: int, refusal: int) -> None:
 
 @kernel
 def enforce(world: World) -> None:
-    """Have each a-node check its tokens, and stop the robots that lack some. Source: RoboRebound Alg. 4."""
+    """Check all a-nodes' tokens, and stop the robots that lack some. Source: RoboRebound Alg. 4."""
     f = world.fleet
     for i in range(len(f.robot)):
         if world.safe[i] == 0 and trusted.anode_check(f.settings[0].profile, f.anode[i], clock_ms(world, i)) != 0:
@@ -275,7 +275,7 @@ def enforce(world: World) -> None:
 
 @kernel
 def stop(world: World, i: int) -> None:
-    """Put robot i into Safe Mode: stop it where it is, and silence its radio. Source: RoboRebound §3.1."""
+    """Put robot i into Safe Mode: stop its motion and its radio. Source: RoboRebound §3.1."""
     now_us = world.clock[0].now_us
     body.halt(world, i)
     world.safe[i] = 1
@@ -286,7 +286,7 @@ def stop(world: World, i: int) -> None:
 
 @kernel
 def move(world: World) -> None:
-    """Move all bodies to now, rebuild who hears whom, and count contacts. Source: docs/spec/world.md."""
+    """Move all bodies to the current time, update the neighbour lists, count contacts. Source: docs/spec/world.md."""
     clock = world.clock[0]
     for i in range(len(world.fleet.robot)):
         body.advance(world, i)

@@ -1,8 +1,7 @@
-"""Run robots in Python (attacks, researchers' controllers) inside the compiled loop.
+"""Run robots in Python (attacks, users' controllers) inside the compiled loop.
 
-They get the loop's events, and the loop carries out their actions. One robot can be traced: each of its events is
-printed, with the actions that it returned. A traced robot runs the steps of the compiled handlers from Python, so a
-traced run has the same digest.
+They receive the loop's events, and the loop carries out their actions. One robot can be traced: its events and the
+resulting actions are printed. A traced robot runs the compiled handlers' steps in Python, with the same digest.
 """
 
 from __future__ import annotations
@@ -37,10 +36,10 @@ METHODS = {
 
 
 class Looks(Protocol):
-    """Sensors that see more than the robot's own motion: a protocol's stage, or a lidar and bumpers."""
+    """Sensors beyond the robot's own motion: those of a protocol's stage, or a lidar and bumpers."""
 
     def look(self, rob_id: int, t_s: float, place_m: tuple[float, float], *, lies: bool) -> bytes:
-        """Return the bytes behind the motion in the reading of a robot at this place."""
+        """Return the bytes that follow the motion in the reading of a robot at this position."""
         ...
 
 
@@ -59,25 +58,25 @@ NAMES = {
     for name, value in vars(module).items()
     if name.startswith("KIND_")
 }
-# Fields of an event, read as one tuple: that takes 1 us, and one field of a numpy record takes 5.
+# Fields of an event, read as one tuple: that takes 1 us, whereas one field of a numpy record takes 5.
 _EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind", "now_us", "body", "arg")))
 
 
 class Trace:
-    """Print what robot `rob_id` does, a line for each event and each action, through `echo`."""
+    """Printer of one robot's events and actions, one line each, through `echo`."""
 
     def __init__(self, rob_id: int, echo: Callable[[str], None]) -> None:
         self.rob_id, self._echo = rob_id, echo
 
-    def event(self, now_us: int, name: str, payload: bytes | str, asked: Iterable[Action]) -> None:
-        """Print an event at `now_us` of the simulation, with its packet, its reading or a word, and its actions."""
+    def event(self, now_us: int, name: str, payload: bytes | str, taken: Iterable[Action]) -> None:
+        """Print an event at `now_us` of simulated time, with its packet, reading or description, and its actions."""
         shown = payload if isinstance(payload, str) else described(payload)
         self._echo(f"{now_us / 1e6:11.6f} s  robot {self.rob_id}  {name:10}  {shown}".rstrip())
-        for action in asked:
-            self._echo(f"{'':13}    -> {_of_action(action)}")
+        for action in taken:
+            self._echo(f"{'':13}    -> {_action_text(action)}")
 
 
-def _of_action(action: Action) -> str:
+def _action_text(action: Action) -> str:
     if isinstance(action, Transmit):
         to = "everybody" if action.to == EVERYBODY else f"robot {action.to}"
         return f"transmit    {described(action.packet)}, to {to}"
@@ -92,14 +91,14 @@ def _of_action(action: Action) -> str:
 
 
 def described(raw: bytes) -> str:
-    """Return a packet, a reading or a command in words, with its length."""
+    """Describe a packet, a reading or a command, with its length."""
     if request.is_audit(row(raw), len(raw)):
         src, dst, sub = get_u16(row(raw), request.AT_SRC), get_u16(row(raw), request.AT_DST), raw[request.AT_SUB]
         text = f"{SUBS.get(sub, f'audit packet {sub}')} of robot {src}" + (f" for robot {dst}" if dst else "")
         if sub == request.FRAGMENT and len(raw) > request.AT_COUNT:
             text += f", {raw[request.AT_INDEX] + 1} of {raw[request.AT_COUNT]}"
     else:
-        text = NAMES.get(raw[0], f"kind {raw[0]}") if raw else "nothing"
+        text = NAMES.get(raw[0], f"kind {raw[0]}") if raw else "empty"
     return f"{text} ({len(raw)} bytes)"
 
 
@@ -110,9 +109,9 @@ def handle(
     stage: Looks | None = None,
     trace: Trace | None = None,
 ) -> None:
-    """Hand the event at which the loop stopped to its robot, found by index in `robots`, and carry out its actions.
+    """Pass the loop's current event to its robot, found by index in `robots`, and carry out the robot's actions.
 
-    `planners` advise some robots, by index; `stage` adds bytes to their readings; `trace` prints one of them.
+    `planners` advise robots, by index; `stage` extends readings; `trace` prints one robot's events.
     """
     i, kind, now_us, body_kind, arg = _EVENT(world.clock.item())
     robot = robots[i]
@@ -120,13 +119,13 @@ def handle(
     if i in planners:
         _plan(world, robot, planners[i], kind, now_ms)
     seen = _look(world, robot, stage, now_us, now_ms) if stage and kind == CONTROL else b""
-    asked = _actions(world, robot, kind, now_ms, seen, arg)
-    robot.checked(METHODS[kind], asked)
+    taken = _actions(world, robot, kind, now_ms, seen, arg)
+    robot.checked(METHODS[kind], taken)
     if robot.is_own:
-        _check_commands(body_kind, robot, asked)
+        _check_commands(body_kind, robot, taken)
     if trace and trace.rob_id == robot.id:
-        trace.event(now_us, METHODS[kind], _payload(world, kind, seen, arg), asked)
-    perform(world, i, now_ms, asked)
+        trace.event(now_us, METHODS[kind], _payload(world, kind, seen, arg), taken)
+    perform(world, i, now_ms, taken)
     if kind == loop.WAKE and isinstance(robot, Liar):
         wake(world, robot, now_us)
 
@@ -136,8 +135,8 @@ def _payload(world: World, kind: int, seen: bytes, arg: int) -> bytes | str:
         raw = world.reading if kind == CONTROL else world.packet
         return raw[: world.packet_len[0]].tobytes() + seen
     if kind == loop.SENT:
-        return "it arrived" if arg else "it did not arrive"
-    return "after it has listened" if kind == loop.ROUND and arg else ""
+        return "delivered" if arg else "not delivered"
+    return "after listening" if kind == loop.ROUND and arg else ""
 
 
 def _look(world: World, robot: Robot, stage: Looks, now_us: int, now_ms: int) -> bytes:
@@ -155,15 +154,15 @@ def _plan(world: World, robot: Robot, planner: Planner, kind: int, now_ms: int) 
             robot.on_advice(advice)
 
 
-def _check_commands(body_kind: int, robot: Robot, asked: list[Action]) -> None:
-    # The body would ignore it, and the audits, which only compare it with the controller's, would pass it.
+def _check_commands(body_kind: int, robot: Robot, taken: list[Action]) -> None:
+    # The body would ignore it, and audits, which only compare it with the controller's output, would accept it.
     known = body.COMMANDS[body_kind]
-    for action in asked:
+    for action in taken:
         if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
             raise OwnMistake(
-                f"robot {robot.id}: no command of its body's: "
+                f"robot {robot.id}: not a command of its body: "
                 f"{len(action.command)} bytes, the first {action.command[0]}",
-                f"{known.size} bytes, the first {known.tag}: phalanx docs guides/own-controller has the layout",
+                f"{known.size} bytes, the first {known.tag}: see phalanx docs guides/own-controller",
                 robot.controller,
             )
 
@@ -175,7 +174,7 @@ def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, ar
         return robot.on_packet(now_ms, world.packet[: world.packet_len[0]].tobytes())
     if kind == loop.WAKE:
         return robot.on_wake(now_ms) if isinstance(robot, Liar) and robot.lies(now_ms) else []
-    # Other robots in Python keep a fragment for which their radio has no room.
+    # Other robots in Python retry a fragment by themselves when their radio has no room.
     robot.busy = bool(world.runs[robot.i] == TRACED and world.air.nic[robot.i].long_used)
     if kind == loop.ROUND:
         return robot.on_round(now_ms, listened=bool(arg))
@@ -186,7 +185,7 @@ def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, ar
 
 
 def wake(world: World, liar: Liar, now_us: int) -> None:
-    """Schedule the next time that a compromised robot acts out of turn, if it does."""
+    """Schedule the next periodic action of a compromised robot, if it has one."""
     if not liar.period_ms:
         return
     start_us = liar.plan.start_ms * 1000 - int(world.boot_us[liar.i])
@@ -194,7 +193,7 @@ def wake(world: World, liar: Liar, now_us: int) -> None:
 
 
 def perform(world: World, i: int, now_ms: int, asked: list[Action]) -> None:
-    """Carry out actions of robot i."""
+    """Carry out the given actions of robot i."""
     for action in asked:
         actions.encode(world.work, action)
         loop.carry_out(world, i, now_ms)

@@ -1,4 +1,4 @@
-"""Make a world from its settings: power robots up with keys and unsynchronised clocks; push the first events."""
+"""Create a world from its settings: boot robots with keys and unsynchronised clocks; push the first events."""
 
 from __future__ import annotations
 
@@ -32,45 +32,45 @@ from . import loop, pybot
 from .events import CONTROL, make_queue, push
 from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, pack
 
-# A robot's master key, 20 bytes: secret; and its mission key.
+# A robot's master key (20 bytes, secret) and its sealed mission key.
 Board = tuple[bytes, MissionKey]
 PROFILES = {"none": PLAIN, "paper": PAPER, "hardened": HARDENED}
 MOVE_US = 50_000
-# All robots are powered up within this time.
+# All robots boot within this time.
 POWER_UP_MS = 60_000
-# Extra room for neighbours in a large swarm's lists, beside twice n_max.
+# Extra room for neighbours in a large swarm's lists, in addition to twice n_max.
 ROOM = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """The settings of a world."""
+    """Settings of a world."""
 
     robots: int  # N
-    starts_m: NDArray[np.float64]  # (M, 2), where robots, and stations behind them, are at first
+    starts_m: NDArray[np.float64]  # (M, 2), initial positions of robots, then of stations
     profile: int  # of the trusted nodes: HARDENED, PAPER or PLAIN
     controller: int  # number of the bundled controller (dispatch.NUMBERS), 0 for one in plain Python
-    params: NDArray[np.float64]  # the controller's
+    params: NDArray[np.float64]  # parameters of the controller
     body: int  # POINT_MASS or WHEELS, see `body.driven_by`
     seed: int  # of phases and back-offs
-    contact_m: float  # two robots as near as that touch
+    contact_m: float  # distance of two robots' centres in contact
     bti: BtiConfig
     radio: RadioConfig
     obstacles: Sequence[Disc | Box] = ()  # count as contacts
-    area_m: tuple[float, float] = (0.0, 0.0)  # what wheels stay within
-    plain: bool = False  # compute everything in one simple way: a reference run to compare with
-    hub: int = 0  # the first so many robots hear all in range; each other robot is in an aisle and hears only them
-    # What a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
+    area_m: tuple[float, float] = (0.0, 0.0)  # area that wheeled robots cannot leave
+    plain: bool = False  # use the simplest computation everywhere, as a reference for tests
+    hub: int = 0  # the first `hub` robots are in range as usual; each other robot is in an aisle and hears only them
+    # Manipulation of an a-node by a compromised c-node before the mission key is loaded, by index (Liar).
     before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
-    make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes  # of so many robots, in this profile
-    boards: Sequence[Board] = field(default=(), repr=False)  # of each robot; () for keys drawn at random
+    make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes  # arguments: robots, profile, limits
+    boards: Sequence[Board] = field(default=(), repr=False)  # keys of each robot; () draws random ones
 
 
 def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled: bool = False) -> float:
-    """Return the share of airtime that the audit requests of so many robots take, all in one range; 1 is all of it.
+    """Return the share of airtime, 0 to 1, that audit requests of that many robots take if all are in one range.
 
     Each T_audit a robot sends f_max + 1 auditors a checkpoint and the log since. `filled`: f_max compromised robots
-    fill that log as fast as it has room. The result is up to a quarter below measurements of 25 to 120 honest robots,
+    fill that log to its capacity. The result is up to a quarter below measurements with 25 to 120 honest robots and
     f_max 3 to 8.
     """
     neighbours = min(max(math.ceil(robots) - 1, config.quorum), config.n_max)
@@ -84,7 +84,7 @@ def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled
 
 
 def make_lists(bodies: int, config: BtiConfig, radio: RadioConfig, *, skin: float) -> Reach:
-    """Return lists of who is near whom, with room for more than n_max neighbours."""
+    """Return empty neighbour lists, with room for more than n_max neighbours."""
     room = None if bodies <= SMALL_SWARM else bodies * (2 * config.n_max + ROOM)
     return make_reach(bodies, radio.range_m, room, skin=skin)
 
@@ -101,7 +101,7 @@ def power_up(
 ) -> TrustedNodes:
     """Return trusted nodes of robots 1..n, with a mission key loaded at `now_ms`, (n,).
 
-    Without `boards` keys are drawn from `chance`, one master key for all: in a simulation they keep nothing secret.
+    Without `boards` the keys are random, with one master key for all: simulated keys need no secrecy.
     Source: RoboRebound §3.3, Alg. 2.
     """
     nodes = make_nodes(n, profile, limits)
@@ -117,14 +117,14 @@ def power_up(
 
 
 def make_world(setup: Setup, chance: np.random.Generator) -> World:
-    """Return the world at time 0; no robot runs yet.
+    """Return the world at time 0, with no robot running yet.
 
-    Raises: UsageError: the controller's state can be longer than a checkpoint has room for. Source: docs/spec/world.md.
+    Raises: UsageError: the controller's state can be longer than a checkpoint. Source: docs/spec/world.md.
     """
     n, m = setup.robots, len(setup.starts_m)
     longest = int(dispatch.capacity(setup.controller, setup.params))
     if longest > setup.bti.checkpoint_capacity_bytes:
-        raise UsageError(f"a controller that remembers {longest} bytes", f"BtiConfig(state_bytes={longest})")
+        raise UsageError(f"a controller with {longest} bytes of state", f"use BtiConfig(state_bytes={longest})")
     boot_us = chance.integers(1, POWER_UP_MS, n) * 1000
     snode, anode = np.zeros((n, 8), np.uint8), np.zeros((n, 8), np.uint8)
     if setup.profile != PLAIN:
@@ -156,7 +156,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         last=np.full((m, 2), np.nan),
         led=np.zeros((m, 3), np.uint8),
         area=np.array(setup.area_m),
-        # As float64 even if they were written as integers: kernels accept nothing else.
+        # As float64 even if given as integers: kernels accept nothing else.
         discs=np.array(
             [(o.x_m, o.y_m, o.radius_m) for o in setup.obstacles if isinstance(o, Disc)], np.float64
         ).reshape(-1, 3),
@@ -186,7 +186,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
 
 
 def start(world: World, robots: Mapping[int, Robot]) -> None:
-    """Start all c-nodes, in Python those in `robots` (by index), and push the first events.
+    """Boot all c-nodes, those in `robots` (by index) in Python, and push the first events.
 
     Source: RoboRebound §3.6.
     """
@@ -203,7 +203,7 @@ def start(world: World, robots: Mapping[int, Robot]) -> None:
             robot.on_boot(now_ms)
         else:
             handlers.on_boot(world.fleet, i, now_ms)
-        # Half a millisecond later, so that the robot's clock shows the grid's millisecond in spite of rounding.
+        # Half a millisecond later, so that the robot's clock shows the intended millisecond despite rounding.
         push(world.queue, int(world.fleet.robot[i].phase) * 1000 + 500, CONTROL, i, 0)
         if clock.audit_us:
             first_us = first_round_ms(int(settings.mission_seed), i + 1, int(clock.audit_us) // 1000) * 1000

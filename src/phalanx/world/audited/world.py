@@ -1,7 +1,7 @@
 """The simulated world as arrays: bodies, one radio channel, and the fleet's nodes; loop.py advances it.
 
-There may be more bodies and radios than robots. Those behind the last robot are stations, as a gateway's radio: they
-have no trusted nodes and no controller.
+There may be more bodies and radios than robots. Those after the last robot are stations, such as a gateway's radio:
+they have no trusted nodes and no controller.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from phalanx.world.radio.reach import Reach
 
 from .events import Queue
 
-# How a robot runs: compiled; in Python, event by event (an attack, a researcher's controller); or in Python for a
-# trace, with the same result as compiled.
+# How a robot runs: compiled; in Python, event by event (an attack, a user's controller); or in Python for a trace, with
+# the same result as compiled.
 COMPILED, PYTHON, TRACED = 0, 1, 2
 VERDICTS = 4096
 Verdict = tuple[float, int, int, Refusal]
-# How much of a row to prefetch: fields that every event reads come first; most controllers' states are this long.
+# Bytes of a row to prefetch: fields that every event reads come first; most controllers' states have this length.
 HOT_BYTES, STATE_BYTES, NIC_BYTES = 192, 256, NIC.itemsize
-# Swarms of up to so many robots fit into the caches: there prefetching would cost 2 %.
+# Swarms of at most this size fit into the caches, where prefetching would cost 2 %.
 CACHED_ROBOTS = 500
 
 CLOCK = layout(
@@ -40,13 +40,13 @@ CLOCK = layout(
     "audit_us i8",  # period of rounds, 0 without a defence
     "contact_m f8",
     "contacts i8",
-    "crowded i8",  # 1 since `reach` had no room for all neighbours: the run is wrong from then on
+    "crowded i8",  # 1 if `reach` ever lacked room for all neighbours: the run is invalid from then on
     "body i8",  # the kind of body: body.POINT_MASS or body.WHEELS
-    # A transmission that is being delivered.
+    # The transmission that is being delivered.
     "sender next receivers arrived i8",
-    # An event that waits for Python.
+    # The event that waits for Python.
     "kind robot i8",
-    "arg i8",  # of SENT: whether the packet arrived; of ROUND: whether the robot has listened
+    "arg i8",  # for SENT: whether the packet arrived; for ROUND: whether the robot has listened
     "verdicts i8",  # count since the start; the ring keeps the newest
 )
 
@@ -57,23 +57,23 @@ class World(NamedTuple):
     clock: Annotated[Any, Records(CLOCK)]  # (1,)
     fleet: Fleet  # the robots' nodes
     work: Work  # scratch memory
-    queue: Queue  # events to come
+    queue: Queue  # future events
     air: Air  # the channel
-    reach: Reach  # which robots hear each other, rebuilt every 50 ms
+    reach: Reach  # neighbour lists, rebuilt every 50 ms
     pos: F64x2  # (M, 2), m
     vel: F64x2  # (M, 2), m/s; with wheels, [:, 0] is the direction in degrees
-    acc: F64x2  # (M, 2), m/s²; with wheels, each one's share of its speed
-    last: F64x2  # (M, 2), `pos` at the last look at contacts
+    acc: F64x2  # (M, 2), m/s²; for wheels, speed of each as a share of the largest
+    last: F64x2  # (M, 2), `pos` at the last check for contacts
     led: U8x2  # (M, 3)
-    area: F64x1  # (2,), m, what wheels stay within
+    area: F64x1  # (2,), m, area that wheeled robots cannot leave
     discs: F64x2  # (D, 3), obstacles (body.obstacle_contacts)
     boxes: F64x2  # (B, 4), the same
-    moved_us: I64x1  # (M,), the moment for which `pos` and `vel` hold
-    boot_us: I64x1  # (N,), by how much a robot's clock is ahead of the world's
+    moved_us: I64x1  # (M,), time at which `pos` and `vel` hold
+    boot_us: I64x1  # (N,), offset of a robot's clock from the world's
     runs: U8x1  # (N,), COMPILED, PYTHON or TRACED
     safe: U8x1  # (N,), in Safe Mode
-    safe_us: I64x1  # (N,), when it entered Safe Mode, -1 if it has not
-    retry_us: I64x1  # (N,), when the next RETRY is due, -1 if none is
+    safe_us: I64x1  # (N,), start of Safe Mode, -1 if never
+    retry_us: I64x1  # (N,), time of the next RETRY, -1 if none
     receivers: I32x1  # (M,), of the transmission that is being delivered
     packet: U8x1  # that transmission's bytes, or the packet for Python
     packet_len: I64x1  # (1,), its length
@@ -124,7 +124,7 @@ def prefetch_event(world: World, i: int) -> None:
 
 @kernel
 def prefetch_log(world: World, i: int) -> None:
-    """Prefetch where robot i logs next."""
+    """Prefetch the end of robot i's log."""
     f = world.fleet
     if len(f.robot) > CACHED_ROBOTS:
         at, front = f.robot[i].log_len, f.log.shape[1]
@@ -134,11 +134,11 @@ def prefetch_log(world: World, i: int) -> None:
             prefetch(f.log_rest, i, at - front, 1)
 
 
-# --- watching: who vouches for whom, and how audits end ---
+# --- observation: tokens held by a robot, and results of audits ---
 
 
 def shields(world: World, i: int) -> list[tuple[int, float]]:
-    """Return the robots that vouch for robot i, each with the seconds left, longest first; none in Safe Mode.
+    """Return the auditors whose tokens robot i holds, each with the seconds left, longest first; none in Safe Mode.
 
     Source: RoboRebound §3.5.
     """
@@ -148,7 +148,7 @@ def shields(world: World, i: int) -> list[tuple[int, float]]:
 
 
 class VerdictReader:
-    """Reads verdicts in order; if more than VERDICTS came since the last call, the oldest are lost."""
+    """Iterator over verdicts; if more than VERDICTS came since the last call, the oldest are lost."""
 
     def __init__(self, world: World) -> None:
         self._world = world

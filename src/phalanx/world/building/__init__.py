@@ -1,1 +1,1 @@
-"""A building and what robots' senses and wheels make of it."""
+"""A building, and simulated cameras and wheels of robots in it."""

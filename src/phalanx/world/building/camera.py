@@ -1,4 +1,4 @@
-"""A robot's camera in a building whose walls carry QR codes: grey pictures, and what is read in them."""
+"""Simulated camera of a robot in a building with QR codes on the walls: renders and decodes grey pictures."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from phalanx.mission.landmarks.codes import SeenCode, read_codes
 from .odometry import Pose
 
 _NOBODY = np.zeros((0, 3))
-# White modules around a code, as the standard wants them.
+# Width of the white margin around a code in modules, as the standard requires.
 QUIET = 4
-# Rays per pixel on each axis, for small and for large codes: the edges of modules come out grey, as in a lens.
+# Rays per pixel on each axis, for small and for large codes: they blur the edges of modules as a lens does.
 FINE, COARSE, LARGE_PX = 3, 2, 100
 WALL_GREY, DARK, LIGHT = 150.0, 25.0, 235.0
 NEAR_M = 0.05
@@ -29,25 +29,25 @@ NEAR_M = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraConfig:
-    """A camera, and how good its pictures are. Source: Encoded graphs §V-B."""
+    """Lens, mount and image quality of a camera. Source: Encoded graphs §V-B."""
 
-    # Of the lens; the default sees 60 degrees on 1280 x 720 pixels, as the paper's Logitech c270 does
+    # Default: 60 degrees on 1280 x 720 pixels, as the paper's Logitech C270
     intrinsics: Intrinsics = field(
         default_factory=lambda: Intrinsics(fx=1108.0, fy=1108.0, cx=639.5, cy=359.5, width=1280, height=720)
     )
     mount: Mount = field(default_factory=Mount)
-    noise_grey: float = within(3.0, 0, 100)  # standard deviation of a pixel, of 255
-    exposure_s: float = within(0.005, 0, 1)  # while the robot turns, the picture is smeared over so long
-    # Brightness of the left and of the right border of the picture; 1 is daylight
+    noise_grey: float = within(3.0, 0, 100)  # standard deviation per pixel, on a scale of 255
+    exposure_s: float = within(0.005, 0, 1)  # duration of motion blur when the robot turns
+    # Brightness at the left and the right border of the picture; 1 is daylight
     light: tuple[float, float] = (1.0, 0.8)
-    range_m: float = within(6.0, NEAR_M, 100)  # codes farther away are not drawn; nobody reads them
+    range_m: float = within(6.0, NEAR_M, 100)  # farther codes are not rendered, as they cannot be decoded
 
     def __post_init__(self) -> None:
         check_limits(self)
         if not all(0 <= side <= 4 for side in self.light):
-            raise UsageError(f"light of {self.light}", "0 to 4 on both sides, 1 is daylight")
+            raise UsageError(f"light of {self.light}", "use 0 to 4 on both sides; 1 is daylight")
         if self.intrinsics.k1 or self.intrinsics.k2:
-            raise UsageError("the simulated lens does not bend", "k1 and k2 of 0")
+            raise UsageError("the simulated lens has no distortion", "set k1 and k2 to 0")
 
 
 class Camera:
@@ -62,24 +62,24 @@ class Camera:
 
     @property
     def eye(self) -> tuple[Intrinsics, Mount]:
-        """Return the camera model by which robots and auditors locate a code."""
+        """Return the camera model with which robots and auditors locate a code."""
         return self.config.intrinsics, self.config.mount
 
     def picture(
         self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = _NOBODY, turn_radps: float = 0.0
     ) -> NDArray[np.uint8]:
-        """Return a (height, width) grey picture from the robot's pose; people, (m, 3) discs, hide what is behind."""
+        """Return a (height, width) grey picture from the robot's pose; people, (m, 3) discs, occlude codes."""
         return self._picture(self._shown(pose, people), self._shift(random), turn_radps)
 
     def look(
         self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = _NOBODY, turn_radps: float = 0.0
     ) -> tuple[SeenCode, ...]:
-        """Read the codes in a `picture` from a pose; a picture without codes is not rendered."""
+        """Return the codes read in a `picture` from a pose; a picture without codes is not rendered."""
         shown, shift = self._shown(pose, people), self._shift(random)
         return read_codes(self._picture(shown, shift, turn_radps)) if shown else ()
 
     def _shown(self, pose: Pose, people: NDArray[np.float64]) -> list[_Shown]:
-        """The codes in a picture from a pose, the farthest first."""
+        """Return the codes visible from a pose, farthest first."""
         codes = sorted(self._plan.codes, key=lambda code: -math.hypot(code.x_m - pose[0], code.y_m - pose[1]))
         found = (
             _shown_in(code.text, self._corners(pose, code), self.config.intrinsics)
@@ -105,7 +105,7 @@ class Camera:
         return picture.astype(np.uint8)
 
     def _shift(self, random: np.random.Generator) -> int:
-        # A million normal numbers take longer than all the rest: drawn once, they are shifted from picture to picture.
+        # A million normal numbers take longer than everything else: draw them once, and shift them for every picture.
         pixels = self.config.intrinsics.height * self.config.intrinsics.width
         if not self.config.noise_grey:
             return 0
@@ -127,7 +127,7 @@ class Camera:
         x, y, _ = self._eye(pose)
         to_x, to_y = code.x_m - x, code.y_m - y
         away = math.hypot(to_x, to_y)
-        # From behind there is only wall.
+        # A code is invisible from behind.
         if (
             not NEAR_M < away < self.config.range_m
             or to_x * math.cos(code.facing_rad) + to_y * math.sin(code.facing_rad) > 0
@@ -141,9 +141,9 @@ class Camera:
         return all(self._plan.sees((x, y), (code.x_m + s * side_x, code.y_m + s * side_y)) for s in (-1, 0, 1))
 
     def _corners(self, pose: Pose, code: WallCode) -> NDArray[np.float64]:
-        """(4, 3) corners of the code in the camera's frame: x right, y down, z forward, metres."""
+        """Return (4, 3) corners of the code in the camera's frame: x right, y down, z forward, metres."""
         x, y, heading = self._eye(pose)
-        # To the right of who stands before the wall.
+        # Unit vector to the right, as seen from the front of the wall, times half the size.
         right = np.array([-math.sin(code.facing_rad), math.cos(code.facing_rad)]) * code.size_m / 2
         floor = np.array([code.x_m, code.y_m]) + np.array([-1, 1, 1, -1])[:, None] * right - (x, y)
         up = code.z_m - self.config.mount.z_m + np.array([1, 1, -1, -1]) * code.size_m / 2
@@ -153,18 +153,18 @@ class Camera:
 
 @lru_cache(maxsize=1024)
 def _modules(text: str) -> NDArray[np.float64]:
-    """(n, n) of a code with its quiet zone: grey of each module."""
+    """Return the (n, n) grey values of a code's modules, with its margin."""
     try:
         matrix = segno.make_qr(text, error="m").matrix
     except segno.DataOverflowError as error:
-        raise UsageError(f"a text of {len(text)} characters fits no QR code") from error
+        raise UsageError(f"a text of {len(text)} characters does not fit into a QR code") from error
     dark = np.pad(np.array([list(row) for row in matrix], dtype=np.float64), QUIET)
     return LIGHT + (DARK - LIGHT) * dark
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shown:
-    """A code in a picture: the grey of its modules, the way from a ray to them, and the pixels that it may touch."""
+    """A code in a picture: grey values of its modules, the map from rays to modules, and its bounding pixels."""
 
     modules: NDArray[np.float64]
     to_modules: NDArray[np.float64]
@@ -175,7 +175,7 @@ class _Shown:
 
 
 def _shown_in(text: str, corners: NDArray[np.float64], lens: Intrinsics) -> _Shown | None:
-    """None where no pixel of the picture shows it."""
+    """Project a code into the picture; return None if it covers no pixel."""
     modules = _modules(text)
     count = len(modules) - 2 * QUIET
     origin = corners[0]
@@ -195,7 +195,7 @@ def _shown_in(text: str, corners: NDArray[np.float64], lens: Intrinsics) -> _Sho
 
 
 def _draw(picture: NDArray[np.float32], code: _Shown, lens: Intrinsics) -> None:
-    """Puts a code into a picture, by asking for each ray through its pixels which module it meets."""
+    """Draw a code into a picture by mapping rays through its pixels to modules."""
     modules = code.modules
     rate = COARSE if max(code.right - code.left, code.bottom - code.top) > LARGE_PX else FINE
     fine = (np.arange(rate) + 0.5) / rate - 0.5

@@ -1,6 +1,6 @@
-"""Load floor plans by name: from files (ours in YAML, ROS's map_server maps), of which some come with the package.
+"""Load floor plans by name or file: built-in ones, our YAML files, and maps of ROS's map_server.
 
-Packages add others by an entry point of the group `phalanx.buildings`: `drawn:7` is what `drawn` returns for that name.
+Packages add others by an entry point of the group `phalanx.buildings`: `drawn:7` is loaded by the entry point `drawn`.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_w
 
 MAPS = DATA / "maps"
 DEFAULT = "office_40x40"
-HINT = "a map's YAML file, and beside it the picture that it names"
+HINT = "use a map's YAML file with its picture in the same folder"
 _PICTURE_MAX_BYTES = 2 * CELLS_MAX + 4096
 GROUP = "phalanx.buildings"
 
 
 def load_floorplan(name_or_path: str | Path = DEFAULT, *, swept: bool = False) -> FloorPlan:
-    """Return a floor plan by the name of a built-in map, of another package (`drawn:7`), or from a YAML file.
+    """Return a floor plan: a built-in map by name, one of another package (`drawn:7`), or a YAML file.
 
-    The picture of a map_server map lies beside its YAML file, as it is or compressed (.gz). `swept` leaves out the dust
-    of such a map, for who makes missions of it or judges them.
-    Raises: UsageError: there is no such map, or it is none; the message says why. Unavailable: it cannot be read.
+    The picture of a map_server map is in the folder of its YAML file, optionally compressed (.gz). `swept` removes the
+    noise in such a map, for authoring and judging missions.
+    Raises: UsageError: no such map, or an invalid file. Unavailable: it cannot be read.
     """
     kind, colon, _ = str(name_or_path).partition(":")
     for point in entry_points(group=GROUP, name=kind) if colon else ():
@@ -45,26 +45,26 @@ def load_floorplan(name_or_path: str | Path = DEFAULT, *, swept: bool = False) -
             like = drawn_like(str(name_or_path))
             near = f"did you mean {like}? " if like else did_you_mean(path.stem, known)
             seeds = "".join(f"{each}:SEED, " for each in sorted(entry_points(group=GROUP).names))
-            hint = f"{near}a YAML file, {seeds}or {', '.join(known)}"
+            hint = f"{near}use a YAML file, {seeds}or {', '.join(known)}"
             raise UsageError(f"there is no map {str(name_or_path)!r}", hint)
-    words = read_at_most(path, FILE_MAX_BYTES, HINT)
-    read = read_yaml(words, path.name)
-    return replace(_drawn_in(path, words, read, swept), sources=sources_of(read, path.name))
+    data = read_at_most(path, FILE_MAX_BYTES, HINT)
+    read = read_yaml(data, path.name)
+    return replace(_drawn_in(path, data, read, swept), sources=sources_of(read, path.name))
 
 
-def _drawn_in(path: Path, words: bytes, read: Mapping[Any, Any], swept: bool) -> FloorPlan:
+def _drawn_in(path: Path, data: bytes, read: Mapping[Any, Any], swept: bool) -> FloorPlan:
     if "image" not in read:
-        return floorplan_of_yaml(words, path.stem)
-    image = path.parent / map_words(words, path.name).image
+        return floorplan_of_yaml(data, path.stem)
+    image = path.parent / map_words(data, path.name).image
     packed = image.with_name(image.name + ".gz")
     picture = (
         _unpack(packed) if packed.exists() and not image.exists() else read_at_most(image, _PICTURE_MAX_BYTES, HINT)
     )
-    return floorplan_of_map(words, picture, path.stem, swept=swept)
+    return floorplan_of_map(data, picture, path.stem, swept=swept)
 
 
 def drawn_like(name: str) -> str:
-    """Suggest a drawn building's name for a misspelt one, as `drawn:7` for `drwn:7`; or ""."""
+    """Suggest the name of a generated building for a misspelt one, such as `drawn:7` for `drwn:7`; or return ""."""
     kind, colon, rest = name.partition(":")
     known = entry_points(group=GROUP).names if colon else ()
     return next((f"{each}:{rest}" for each in known if did_you_mean(kind, (each,))), "")

@@ -1,7 +1,7 @@
-"""A robot on two wheels in a building: speeds in, the pose a moment later out; and its odometry.
+"""Differential drive in a building: wheel speeds to poses; and the robot's odometry.
 
-Odometry counts the true motion times a factor that is wrong in one of three ways. The paper gives two standard
-deviations and not what they are of; each figure says which model it uses (docs/adr/0019).
+Odometry multiplies the true motion by a factor that is wrong in one of three ways. The paper gives two standard
+deviations without saying what they scale; each figure states the model that it uses (docs/adr/0019).
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ Pose = tuple[float, float, float]
 
 
 class NoiseModel(StrEnum):
-    """Source of an odometry factor."""
+    """Model of the odometry factors' error."""
 
-    STAGE = "stage"  # drawn once from ± sigma / 2, as the simulator Stage does with odom_error
+    STAGE = "stage"  # drawn once, uniform in 1 ± sigma / 2, like odom_error in the simulator Stage
     FIXED = "fixed"  # always 1 + sigma
-    STEP = "step"  # drawn anew at every step from N(1, sigma)
+    STEP = "step"  # drawn at every step from N(1, sigma)
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryNoise:
-    """How wrong odometry is.
+    """Error of the odometry.
 
     Raises: UsageError: a sigma is negative or above 1. Source: Encoded graphs §VI-B, Fig. 8.
     """
 
-    sigma_t: float = within(0.03, 0, 1)  # for the way; (0.03, 0.05) is the paper's, and others
+    sigma_t: float = within(0.03, 0, 1)  # for distances; the paper uses (0.03, 0.05), among others
     sigma_r: float = within(0.05, 0, 1)  # for turns
     model: NoiseModel = NoiseModel.STAGE
 
@@ -49,15 +49,15 @@ class OdometryNoise:
 
     @property
     def always(self) -> tuple[float, float]:
-        """Shares of the way and of turns that it may leave out, or count too much, all day long."""
+        """Largest constant relative errors of distances and turns under this model."""
         part = {NoiseModel.STAGE: 0.5, NoiseModel.FIXED: 1.0, NoiseModel.STEP: 0.0}[self.model]
         return part * self.sigma_t, part * self.sigma_r
 
     @classmethod
     def parse(cls, text: str) -> OdometryNoise:
-        """The noise that a command line asks for: SIGMA_T,SIGMA_R[,stage|fixed|step].
+        """Parse the form used on the command line: SIGMA_T,SIGMA_R[,stage|fixed|step].
 
-        Raises: UsageError: it is not written so.
+        Raises: UsageError: the text has another form.
         """
         parts = text.split(",")
         try:
@@ -65,15 +65,15 @@ class OdometryNoise:
             model = NoiseModel(parts[2]) if len(parts) > 2 else NoiseModel.STAGE
         except (ValueError, IndexError) as error:
             near = did_you_mean("".join(parts[2:3]), NoiseModel)
-            hint = f"{near}like 0.03,0.05 or 0.03,0.05,fixed ({', '.join(NoiseModel)})"
-            raise UsageError(f"odometry noise {text!r}", hint) from error
+            hint = f"{near}use a form like 0.03,0.05 or 0.03,0.05,fixed ({', '.join(NoiseModel)})"
+            raise UsageError(f"invalid odometry noise {text!r}", hint) from error
         if len(parts) > 3:
-            raise UsageError(f"odometry noise {text!r}", "like 0.03,0.05,stage")
+            raise UsageError(f"invalid odometry noise {text!r}", "use a form like 0.03,0.05,stage")
         return cls(way, turn, model)
 
 
 class Odometry:
-    """One robot's estimate of its pose, from its wheels alone; `factors` multiply ways and turns, true ones are 1."""
+    """A robot's pose estimate from its wheels alone; `factors` multiply distances and turns, 1 is exact."""
 
     def __init__(self, start: Pose, noise: OdometryNoise, random: np.random.Generator) -> None:
         self.pose = start
@@ -89,23 +89,24 @@ class Odometry:
 
     @property
     def draws(self) -> bool:
-        """Return whether its factors are others at every step."""
+        """Return whether the factors change at every step."""
         return self._noise.model is NoiseModel.STEP
 
     def draw(self) -> None:
-        """Its factors are those of the next step."""
+        """Draw the factors of the next step, if the model changes them."""
         if self.draws:
             self.factors = self._drawn(self._random.standard_normal(), self._random.standard_normal())
 
     def step(self, way_m: float, turn_rad: float) -> Pose:
-        """Adds a true motion along an arc; returns the estimated pose."""
+        """Add a true motion along an arc; return the estimated pose."""
         self.draw()
-        told = counted(self.pose, self.travelled_m, (float(way_m), float(turn_rad)), self.factors)
-        self.pose, self.travelled_m = told
+        self.pose, self.travelled_m = counted(
+            self.pose, self.travelled_m, (float(way_m), float(turn_rad)), self.factors
+        )
         return self.pose
 
     def correct(self, pose: Pose) -> None:
-        """Goes on from a pose that is known better."""
+        """Replace the estimate by a more accurate pose."""
         self.pose = pose
 
 
@@ -113,14 +114,14 @@ class Odometry:
 def counted(
     pose: Pose, travelled_m: float, motion: tuple[float, float], factors: tuple[float, float]
 ) -> tuple[Pose, float]:
-    """(pose, way travelled) by odometry after a true motion: a way and a turn."""
+    """Return the pose and the distance travelled by odometry after a true motion (distance, turn)."""
     way, turn = motion[0] * factors[0], motion[1] * factors[1]
     return along_arc(pose, way, turn), travelled_m + abs(way)
 
 
 @kernel
 def along_arc(pose: Pose, way_m: float, turn_rad: float) -> Pose:
-    """The pose after a way along an arc that turns by so much in all; the heading within ±pi."""
+    """Return the pose after a distance along an arc that turns by `turn_rad` in total; the heading is within ±pi."""
     x, y, heading = pose
     half = 0.5 * turn_rad
     chord = way_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
@@ -129,7 +130,7 @@ def along_arc(pose: Pose, way_m: float, turn_rad: float) -> Pose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffDriveConfig:
-    """A robot's body.
+    """Dimensions and top speed of a robot.
 
     Raises: UsageError: a value is out of range.
     Source: Encoded graphs §V-A (the radius); TurtleBot 3 Burger (the rest, but faster).
@@ -144,7 +145,7 @@ class DiffDriveConfig:
 
 
 class Body(NamedTuple):
-    """A robot's body as kernels take it: its configuration, and the shares of its wheels."""
+    """Parameters of a robot's body for kernels: its configuration, and the grip of its wheels."""
 
     radius_m: float
     axle_m: float
@@ -154,9 +155,9 @@ class Body(NamedTuple):
 
 
 class DiffDrive:
-    """A robot that drives in a floor plan, from a pose: x, y, heading, map frame.
+    """Differential-drive robot in a floor plan, at a pose: x, y, heading, map frame.
 
-    `left` and `right` are the shares of a wheel's turn that move it: 1 is a sound wheel, less one that slips.
+    `left` and `right` are the grip of each wheel: the share of its rotation that moves the robot, 1 without slip.
     """
 
     def __init__(self, plan: FloorPlan, pose: Pose, config: DiffDriveConfig | None = None) -> None:
@@ -167,17 +168,17 @@ class DiffDrive:
 
     @property
     def body(self) -> Body:
-        """Return the parameters that kernels take."""
+        """Return the parameters for kernels."""
         config = self.config
         sizes = float(config.radius_m), float(config.axle_m), float(config.wheel_max_mps)
         return Body(*sizes, float(self.left), float(self.right))
 
     def wheels(self, speed_mps: float, turn_radps: float) -> tuple[float, float]:
-        """(left, right) wheel speeds for a speed and a turn; both slowed alike where one would be too fast."""
+        """Return (left, right) wheel speeds for a speed and a turn rate; both are scaled down if one is too fast."""
         return wheels_of(float(speed_mps), float(turn_radps), self.body)
 
     def step(self, left_mps: float, right_mps: float, dt_s: float) -> tuple[float, float]:
-        """Drive for a moment; a wall in the way stops it there, still turning. Return (way, turn) of the wheels."""
+        """Drive for `dt_s`; a wall stops the robot but not its turn. Return the wheels' motion (distance, turn)."""
         speeds = float(left_mps), float(right_mps)
         self.pose, motion = stepped(self.pose, speeds, float(dt_s), self.body, self._plan.walls)
         return motion
@@ -185,7 +186,7 @@ class DiffDrive:
 
 @kernel
 def wheels_of(speed_mps: float, turn_radps: float, body: Body) -> tuple[float, float]:
-    """As `DiffDrive.wheels`."""
+    """Return wheel speeds as `DiffDrive.wheels` does."""
     half = 0.5 * body.axle_m * turn_radps
     left, right = speed_mps - half, speed_mps + half
     too_fast = max(abs(left), abs(right)) / body.wheel_max_mps
@@ -196,10 +197,10 @@ def wheels_of(speed_mps: float, turn_radps: float, body: Body) -> tuple[float, f
 def stepped(
     pose: Pose, speeds_mps: tuple[float, float], dt_s: float, body: Body, walls: F64x2
 ) -> tuple[Pose, tuple[float, float]]:
-    """(pose, motion of the wheels) as `DiffDrive.step` has them."""
+    """Return the pose and the wheels' motion as `DiffDrive.step` does."""
     top = body.wheel_max_mps
     left, right = max(-top, min(top, speeds_mps[0])), max(-top, min(top, speeds_mps[1]))
-    # Headings are counted the other way round, to the left.
+    # Headings increase to the left, turned_kernel's angles to the right.
     motion = turned_kernel(left, right, -body.axle_m, dt_s)
     way, turn = turned_kernel(left * body.left, right * body.right, -body.axle_m, dt_s)
     after = along_arc(pose, way, turn)

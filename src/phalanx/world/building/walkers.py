@@ -1,4 +1,4 @@
-"""People who walk about in a building: discs that a lidar sees and that hide walls and codes."""
+"""People walking in a building: discs that lidars see and that occlude walls and codes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from phalanx.mission.landmarks import FloorPlan
 
 RADIUS_M = 0.25
 SPEED_MPS = (0.5, 1.4)
-# A person turns before a wall so far away.
+# Clearance at which a person turns before a wall.
 ROOM_M = RADIUS_M + 0.15
 PEOPLE_MAX = 1000
 STEP_S = 0.25  # at top speed 0.35 m
@@ -20,14 +20,14 @@ _TRIES = 10_000
 
 
 class Walkers:
-    """People at random places of a floor plan, each walking straight on until a wall comes.
+    """People at random positions of a floor plan; each walks straight until a wall is near, then turns.
 
-    Raises: UsageError: there is no room for so many.
+    Raises: UsageError: there is no room for so many people.
     """
 
     def __init__(self, plan: FloorPlan, count: int, random: np.random.Generator) -> None:
         if not 0 <= count <= PEOPLE_MAX:
-            raise UsageError(f"{count} people", f"0 to {PEOPLE_MAX}")
+            raise UsageError(f"{count} people", f"use 0 to {PEOPLE_MAX}")
         self._plan = plan
         self._random = random
         self._places = np.array([free_place(plan, ROOM_M, random) for _ in range(count)]).reshape(-1, 2)
@@ -36,22 +36,22 @@ class Walkers:
 
     @property
     def discs(self) -> NDArray[np.float64]:
-        """(count, 3): where they are, metres, map frame, and the radius."""
+        """Return (count, 3) positions and radius, metres, map frame."""
         return np.column_stack([self._places, np.full(len(self._places), RADIUS_M)])
 
     def step(self, dt_s: float) -> None:
-        """Lets them walk for a moment, or for several, one after the other."""
+        """Advance by `dt_s`, in steps of at most STEP_S."""
         while dt_s > STEP_S:
             self._step(STEP_S)
             dt_s -= STEP_S
         self._step(dt_s)
 
     def _step(self, dt_s: float) -> None:
-        looks = np.column_stack([np.cos(self._headings), np.sin(self._headings)])
-        after = self._places + (self._speeds * dt_s)[:, None] * looks
+        directions = np.column_stack([np.cos(self._headings), np.sin(self._headings)])
+        after = self._places + (self._speeds * dt_s)[:, None] * directions
         x0, y0, x1, y1 = self._plan.bounds
         for i, (x, y) in enumerate(after.tolist()):
-            # A step is shorter than the room before a wall: nobody comes to its other side.
+            # A step is shorter than the clearance, so that nobody passes through a wall.
             if x0 <= x <= x1 and y0 <= y <= y1 and self._plan.clearance_m(x, y) >= ROOM_M:
                 self._places[i] = x, y
             else:
@@ -59,7 +59,7 @@ class Walkers:
 
 
 def free_place(plan: FloorPlan, room_m: float, random: np.random.Generator) -> tuple[float, float]:
-    """A random place in a floor plan with so much room around it. Raises: UsageError: none was found."""
+    """Return a random position in a floor plan with this clearance. Raises: UsageError: none was found."""
     x0, y0, x1, y1 = plan.bounds
     for _ in range(_TRIES):
         x, y = random.uniform(x0, x1), random.uniform(y0, y1)

@@ -1,1 +1,1 @@
-"""Robots that live an encoded mission in a building."""
+"""Robots that carry out an encoded mission in a simulated building."""

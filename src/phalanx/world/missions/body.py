@@ -1,4 +1,4 @@
-"""The body of a robot on a mission: wheels in a building, and what its sensors say."""
+"""Simulated body of a robot on a mission: wheels in a building, and sensors."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from phalanx.world.building.camera import Camera
 from phalanx.world.building.odometry import Body, DiffDrive, Odometry, OdometryNoise, Pose, counted, stepped, wheels_of
 from phalanx.world.building.walkers import Walkers
 
-STEP_S = 0.05  # walls are looked at so often
+STEP_S = 0.05  # time step for collisions with walls
 PEOPLE_STEP_S = 0.1
-SHOWN_S = 10.0  # an action can be seen for so long
+SHOWN_S = 10.0  # time for which other robots can see an action
 MILLI = 1000
 
 
@@ -38,7 +38,7 @@ class Building:
         self.plan = plan
         self.lidar = Lidar(plan.walls, lidar)
         self.camera = Camera(plan) if plan.codes else None
-        # (m, 3) centre and radius of those who walk about, metres.
+        # (m, 3) centres and radius of walking people, metres.
         self.people: NDArray[np.float64] = np.zeros((0, 3))
         self._crowd = crowd
         self._steps = 0
@@ -49,7 +49,7 @@ class Building:
         return self.camera.eye if self.camera else None
 
     def advance_people(self, now_s: float) -> None:
-        """People are where they have walked by now."""
+        """Advance the walking people to this time."""
         while self._crowd is not None and self._steps * PEOPLE_STEP_S <= now_s:
             self._crowd.step(PEOPLE_STEP_S)
             self.people = self._crowd.discs
@@ -57,25 +57,25 @@ class Building:
 
 
 class Moment(NamedTuple):
-    """A moment of a drive."""
+    """Time span of a drive with constant commands."""
 
     begin_s: float
     end_s: float
     speed_mps: float
     turn_radps: float
-    once: bool  # no more than one step of it
+    once: bool  # end after one step
 
 
 @kernel
 def _drive(
     at: Pose,
-    told: tuple[Pose, float],
+    counts: tuple[Pose, float],
     moment: Moment,
     factors: tuple[float, float],
     body: Body,
     walls: F64x2,
 ) -> tuple[Pose, tuple[Pose, float], float]:
-    """(where the robot is, what odometry tells, when), from the same; the wheels turn for a moment."""
+    """Drive for a time span; return the true pose, the odometry (pose, distance), and the time reached."""
     now_s = moment.begin_s
     moves = moment.speed_mps != 0.0 or moment.turn_radps != 0.0
     while now_s < moment.end_s:
@@ -83,20 +83,20 @@ def _drive(
         if moves:
             speeds = wheels_of(moment.speed_mps, moment.turn_radps, body)
             at, motion = stepped(at, speeds, dt_s, body, walls)
-            told = counted(told[0], told[1], motion, factors)
+            counts = counted(counts[0], counts[1], motion, factors)
         now_s = moment.end_s if dt_s < STEP_S else now_s + dt_s
         if moment.once:
             break
-    return at, told, now_s
+    return at, counts, now_s
 
 
 class MissionBody:
-    """One robot's wheels, odometry, lidar and camera, and what it has been told to do.
+    """One robot's wheels, odometry, lidar and camera, and its current command.
 
     Args:
-        rob_id: 1..65535, as its readings say.
+        rob_id: 1..65535, part of its readings.
         start: x, y and heading, map frame.
-        picture_every: readings from one picture of its camera to the next.
+        picture_every: number of readings per picture of the camera.
     """
 
     def __init__(
@@ -113,8 +113,8 @@ class MissionBody:
         self.picture_every = picture_every
         self.wheels = DiffDrive(building.plan, start)
         self.actions: list[bytes] = []
-        self._did: dict[str, float] = {}  # by the action's name: when it last did so
-        # In its own frame, and never corrected: what it has been told about its place is the controller's affair.
+        self._did: dict[str, float] = {}  # by action: time of the last one
+        # In its own frame, and never corrected: corrections are up to the controller.
         self.odometry = Odometry((0.0, 0.0, 0.0), noise, np.random.default_rng([*seed, 1]))
         self._random, self._chance = np.random.default_rng([*seed, 0]), np.random.default_rng([*seed, 2])
         self._speed_mps = self._turn_radps = 0.0
@@ -122,7 +122,7 @@ class MissionBody:
         self._readings = 0
 
     def advance(self, now_s: float) -> None:
-        """The body is where its last command has brought it by now; a bumper stops it before it runs into somebody."""
+        """Move the body to this time under its last command; a bumper stops it before it runs into a person."""
         wheels, odometry, speed_mps = self.wheels, self.odometry, self._speed_mps
         stepwise = odometry.draws or len(self.building.people) > 0
         moves = bool(speed_mps or self._turn_radps)
@@ -132,12 +132,12 @@ class MissionBody:
                 way_m = self._speed_mps * min(STEP_S, now_s - self._now_s)
                 speed_mps = 0.0 if self._runs_into_somebody(way_m) else self._speed_mps
             moment = Moment(self._now_s, now_s, speed_mps, self._turn_radps, moves and stepwise)
-            at, told = wheels.pose, (odometry.pose, odometry.travelled_m)
-            driven = _drive(at, told, moment, odometry.factors, wheels.body, self.building.plan.walls)
+            at, counts = wheels.pose, (odometry.pose, odometry.travelled_m)
+            driven = _drive(at, counts, moment, odometry.factors, wheels.body, self.building.plan.walls)
             wheels.pose, (odometry.pose, odometry.travelled_m), self._now_s = driven
 
     def _runs_into_somebody(self, way_m: float) -> bool:
-        """Return whether a person whom it touches then is nearer after so much way."""
+        """Return whether it touches a person after `way_m`, and came nearer to that person."""
         x, y, heading = self.wheels.pose
         after = x + way_m * math.cos(heading), y + way_m * math.sin(heading)
         for *person, radius in self.building.people.tolist():
@@ -147,10 +147,10 @@ class MissionBody:
         return False
 
     def sense(self, t_ms: int, watched: Iterable[str] = ()) -> tuple[bytes, bytes]:
-        """(what the s-node chains; the scan whose hash is in it, and behind it what other sensors read).
+        """Return the reading that the s-node logs, and the raw data whose hash it contains: scan, then other sensors.
 
         Args:
-            watched: what its camera makes of the other robots in sight.
+            watched: actions of other robots that its camera sees.
         """
         building, odometry = self.building, self.odometry
         self._readings += 1
@@ -171,26 +171,26 @@ class MissionBody:
         return [reading for _, reading in sorted(found)]
 
     def does(self) -> list[str]:
-        """The names of actions that can be seen of it now."""
+        """Return the names of the actions that other robots can see at present."""
         return [name for name, when_s in self._did.items() if self._now_s - when_s <= SHOWN_S]
 
     def _read(self) -> tuple[SeenCode, ...]:
-        """The codes that its camera reads, when it takes a picture."""
+        """Return the codes read by the camera, if it takes a picture with this reading."""
         camera, people = self.building.camera, self.building.people
         if camera is None or self._readings % self.picture_every:
             return ()
         return camera.look(self.wheels.pose, self._random, people, self._turn_radps)
 
     def obey(self, command: bytes) -> None:
-        """The actuators do what a command says; what is no command of theirs does nothing."""
+        """Execute a command; ignore bytes that are not a valid one."""
         if len(command) == DRIVE.size and command[0] == KIND_DRIVE:
             *_, speed, turn = DRIVE.form.unpack(command)
             self._speed_mps, self._turn_radps = speed / MILLI, turn / MILLI
         elif command[:1] == bytes([KIND_ACTION]):
             self.actions.append(command)
-            with suppress(MalformedMission):  # of a compromised robot: nobody knows what that looks like
+            with suppress(MalformedMission):  # malformed, from a compromised robot: nothing to see
                 self._did[parse_action(command[ACTION.size :]).name] = self._now_s
 
     def halt(self) -> None:
-        """It stands where it is, for good. Source: RoboRebound §3.1 (Safe Mode)."""
+        """Stop for good. Source: RoboRebound §3.1 (Safe Mode)."""
         self._speed_mps = self._turn_radps = 0.0

@@ -1,4 +1,4 @@
-"""A mission as robots in a building get it: files, start keys, where they begin, and what hangs on the walls."""
+"""Mission for a fleet in a building: files, start keys, start poses, and codes and beacons that the mission adds."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from phalanx.world.building.odometry import DiffDriveConfig, Pose
 from .setup import DOES, MissionRun, Part, actions_of, doing, pool_of
 
 CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
-BEACON_M = 2.0  # range of one that stands where a mission wants its reading
-LONE = "robot"  # what those are called whose mission has one part
+BEACON_M = 2.0  # range of a beacon that is added at a node that requires its reading
+LONE = "robot"  # name of robots whose mission has one part
 NORTH_RAD = math.pi / 2
 File = tuple[EncodedMission, StartKey | None]
 
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """Orders of a fleet."""
+    """Mission files, start poses and building of a fleet."""
 
     name: str
-    plan: FloorPlan  # the building, with the codes that the mission's author hung on its walls
+    plan: FloorPlan  # the building, with the codes that the mission adds
     parts: tuple[Part, ...]  # robot i gets part i modulo their number
     pool: tuple[Action, ...] = ()
     controller: tuple[bytes, ...] = ()  # messages that a controller sends when the robots start
-    plain: Mission | None = None  # what the files were built from, if that is known here
+    plain: Mission | None = None  # source of the files, if known
 
-    def run(self, **how: Any) -> MissionRun:
-        """The run in which robots live it; one for each part if nothing else is said.
+    def run(self, **settings: Any) -> MissionRun:
+        """Return the run for these robots, by default one for each part.
 
         Raises: UsageError: a value is out of range.
         """
         given = {"plan": self.plan, "parts": self.parts, "pool": self.pool, "controller": self.controller}
-        return MissionRun(**{"robots": len(self.parts), **given, **how})
+        return MissionRun(**{"robots": len(self.parts), **given, **settings})
 
 
 def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan) -> Orders:
     """Return the orders for a mission, built from its source.
 
     Args:
-        built: a file and a key for each of its parts, in their order.
-    Raises: UsageError: robots cannot be put where a part begins, or lack a sensor that it wants.
+        built: a file and a key for each part, in order.
+    Raises: UsageError: no room for a robot at a start pose, or no source for a required sensor reading.
     """
     return orders_of_files(plain.name, [(each.mission, each.key) for each in built], plan, plain)
 
@@ -60,16 +60,16 @@ def orders_of_files(
 
     Args:
         files: one for each part, with its start key.
-        plain: what the files were built from, in the order of its parts: it says where robots begin, what hangs on the
-            walls and what robots can do. Without it nobody here knows more than the files say.
-        start: where all robots are put; None is where each part begins, or where the building says.
-    Raises: UsageError: robots cannot be put there, lack a sensor, or there are more or fewer files than parts.
+        plain: source of the files, with the parts in the same order. It determines start poses, codes on the walls and
+            the robots' actions; without it only the files' content is known.
+        start: start pose of all robots; None is the start of each part, or of the building.
+    Raises: UsageError: no room for a robot, no source for a reading, or the numbers of files and parts differ.
     """
     if start is not None and not _has_room(plan, start[0], start[1]):
         x0, y0, x1, y1 = plan.bounds
         raise UsageError(
             f"no robot can stand at ({start[0]:g}, {start[1]:g}) in {plan.name}",
-            f"a free place away from walls, x {x0:g} to {x1:g}, y {y0:g} to {y1:g} m",
+            f"choose a free position away from walls, x {x0:g} to {x1:g}, y {y0:g} to {y1:g} m",
         )
     messages = tuple(message for _, key in files if key for message in key.messages.values())
     if plain is None:
@@ -77,8 +77,8 @@ def orders_of_files(
         return Orders(name, plan, tuple(Part(*file, begin) for file in files), (), messages)
     if len(files) != len(plain.parts):
         raise UsageError(
-            f"encoded files: {len(files)}, and {plain.name!r} is built into {len(plain.parts)}",
-            "one file for each part, in the order in which they were built",
+            f"{len(files)} encoded files for {plain.name!r}, which has {len(plain.parts)} parts",
+            "give one file for each part, in the order in which they were built",
         )
     plan = with_fixtures(plan, plain)
     check_sensed(plan, plain)
@@ -91,14 +91,14 @@ def orders_of_files(
 
 
 def start_of(plan: FloorPlan) -> Pose:
-    """Return the start pose in a building. Raises: UsageError: it names none."""
+    """Return the start pose in a building. Raises: UsageError: the floor plan has none."""
     if plan.start is None:
-        raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
+        raise UsageError(f"{plan.name} has no start pose", "add start_pose: [x, y, heading] to the map")
     return plan.start
 
 
 def _start(plain: Mission, part: str, plan: FloorPlan) -> Pose:
-    """Return the pose of a part's robots: its first start node, or the map's start if that has no place."""
+    """Return the start pose of a part's robots: at its first start node, or the map's if that has no position."""
     node = next(node for node in plain.nodes if node.start and node.part == part)
     if node.place is None:
         return start_of(plan)
@@ -114,7 +114,7 @@ def _has_room(plan: FloorPlan, x_m: float, y_m: float) -> bool:
 
 
 def with_fixtures(plan: FloorPlan, plain: Mission) -> FloorPlan:
-    """The building with what its author put there and the map does not show: QR codes on walls, beacons at nodes."""
+    """Return the floor plan with the mission's QR codes and beacons that the map lacks."""
     shown = {code.text for code in plan.codes}
     hung = [
         WallCode(thing.text, thing.x_m, thing.y_m, CODE_HEIGHT_M, thing.orientation_rad or 0.0, CODE_EDGE_M)
@@ -144,29 +144,29 @@ def _readings(alias: tuple[Observable, ...]) -> list[str]:
 
 
 def _title(plain: Mission, part: str) -> str:
-    """Return the name under which others observe robots on a part."""
+    """Return the name by which other robots know robots on this part."""
     return part if len(plain.parts) > 1 else LONE
 
 
 def _doings(plain: Mission) -> list[str]:
-    """Return the actions that robots can see each other do in a mission."""
+    """Return the readings for actions of a mission that robots can see each other do."""
     return [doing(_title(plain, part), act.name) for part in plain.parts for act in actions_of(plain, [part])]
 
 
 def check_sensed(plan: FloorPlan, plain: Mission) -> None:
-    """Nothing, if robots can sense each node of a mission in this building, furnished for it. Raises: UsageError."""
+    """Check that robots can sense each node of a mission in this building. Raises: UsageError."""
     doings = _doings(plain)
     known = {source.reading for source in plan.sources} | {*doings}
     for node in plain.nodes:
         missing = [next((each for each in _readings(alias) if each not in known), None) for alias in node.see]
         if None in missing or not (reading := next(iter(missing), None)):
             continue
-        hint = "a place beside it in see; beacons or quantities in the map; or what a robot does: PART does ACTION"
+        hint = "add a position in see, beacons or quantities to the map, or use PART does ACTION"
         if _is_of_robot(plain, reading):
-            hint = did_you_mean(reading, doings) + f"robots do {', '.join(dict.fromkeys(doings)) or 'nothing'}"
-        raise UsageError(f"{node.name!r} wants the reading {reading!r}, and nothing in {plan.name} gives it", hint)
+            hint = did_you_mean(reading, doings) + f"use {', '.join(dict.fromkeys(doings)) or 'nothing'}"
+        raise UsageError(f"{node.name!r} requires the reading {reading!r}, which has no source in {plan.name}", hint)
 
 
 def _is_of_robot(plain: Mission, reading: str) -> bool:
-    who, does, _ = reading.partition(DOES)
-    return bool(does) and who in {_title(plain, part) for part in plain.parts}
+    part, does, _ = reading.partition(DOES)
+    return bool(does) and part in {_title(plain, part) for part in plain.parts}

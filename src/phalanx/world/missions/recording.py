@@ -1,11 +1,11 @@
-"""A mission's run as MCAP, which opens in Foxglove: the walls, where robots are and believe to be, what they decoded.
+"""Record a mission's run as MCAP for Foxglove: walls, true and estimated poses, decoded landmarks.
 
-    /scene    foxglove.SceneUpdate      walls from the start; each landmark from when somebody decoded it
-    /tf       foxglove.FrameTransforms  world → robot-1, and robot-1-believes: where it takes itself to be
-    /log      foxglove.Log              decoded, done, not validated, and at the end what its wheels err by
-    /drift    phalanx.Drift             what a robot has learnt that its odometry leaves out, whenever that changed
+    /scene    foxglove.SceneUpdate      walls from the start; each landmark from its first decoding
+    /tf       foxglove.FrameTransforms  world → robot-1 (true pose), world → robot-1-believes (estimate)
+    /log      foxglove.Log              decoded, done, not validated, and finally the estimated odometry error
+    /drift    phalanx.Drift             a robot's estimate of its odometry error, whenever it changes
 
-What nobody decoded is not in the file.
+The file contains only landmarks that were decoded.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ MARK_M, MARK_HEIGHT_M = 0.5, 0.3
 DRIFT = {
     "type": "object",
     "title": "phalanx.Drift",
-    "description": "What its odometry leaves out, as a robot has learnt: of the way, of turns, and to the left",
+    "description": "A robot's estimate of what its odometry misses: shares of distances and turns, turn to the left",
     "properties": {
         "robot": {"type": "integer"},
         **{key: {"type": "number"} for key in ("way", "turn", "curve_radpm")},
     },
 }
-Entry = tuple[float, str, Any]  # when, topic, message
+Entry = tuple[float, str, Any]  # time, topic, message
 
 
 class _Recorder(Recorder):
@@ -48,7 +48,7 @@ class _Recorder(Recorder):
 
 
 def write_recording(path: Path, plan: FloorPlan, reports: list[Report]) -> None:
-    """Put a run, of which traces were kept, into a new file.
+    """Write a run whose traces were kept to a new file.
 
     Raises: UsageError: no such folder. Unavailable: it cannot be written.
     """
@@ -106,11 +106,11 @@ def _drifts(reports: list[Report]) -> Iterator[Entry]:
 
 def _log(reports: list[Report]) -> Iterator[Entry]:
     for report in reports:
-        said = [(t_s, Log.INFO, f"decoded node {node}") for t_s, node in report.decoded]
-        said += [(t_s, Log.WARNING, f"not validated: {reason}") for t_s, reason in report.not_validated]
-        said += [(t_s, Log.INFO, f"did {action}") for t_s, action in report.actions]
-        said.append((report.t_s, Log.INFO, f"its wheels err by   {format_drift(report.drift)}"))
-        said.append((report.t_s, Log.INFO if report.done else Log.ERROR, "done" if report.done else "not completed"))
-        for t_s, level, message in said:
+        lines = [(t_s, Log.INFO, f"decoded node {node}") for t_s, node in report.decoded]
+        lines += [(t_s, Log.WARNING, f"not validated: {reason}") for t_s, reason in report.not_validated]
+        lines += [(t_s, Log.INFO, f"did {action}") for t_s, action in report.actions]
+        lines.append((report.t_s, Log.INFO, f"odometry error   {format_drift(report.drift)}"))
+        lines.append((report.t_s, Log.INFO if report.done else Log.ERROR, "done" if report.done else "not completed"))
+        for t_s, level, message in lines:
             log = Log(timestamp=time_of(_ns(t_s)), level=level, name=f"robot-{report.robot + 1}", message=message)
             yield t_s, "/log", log

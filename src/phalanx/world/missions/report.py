@@ -1,4 +1,4 @@
-"""Report a robot's mission by ground truth; no decision uses it."""
+"""Report a robot's mission by ground truth, for evaluation only."""
 
 from __future__ import annotations
 
@@ -23,51 +23,51 @@ from .body import MissionBody
 from .setup import MissionRun
 from .truth import Truth, pose_error
 
-_TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
+_REPORTED = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
 
 
 @dataclass(slots=True)
 class Report:
-    """Outcome of one robot."""
+    """Outcome of one robot's mission."""
 
     robot: int
     done: bool = False
     t_s: float = 0.0
-    # (t_s, node), in the order in which they were decoded; first times alone
+    # (t_s, node) in order of decoding; first times only
     decoded: list[tuple[float, int]] = field(default_factory=list)
     places: dict[int, tuple[float, float]] = field(default_factory=dict)  # of decoded nodes, map frame, metres
-    hashes_tried: int = 0  # hashes or KDFs
-    false_fixes: int = 0  # fixes that left it further off than `truth` allows
-    # search_ms, extraction_ms: of each step in which something was tried or seen; by the clock, so not in the digest
-    # (shorter where another robot of this process has searched before)
+    hashes_tried: int = 0  # includes KDFs
+    false_fixes: int = 0  # fixes with a larger error than `truth` allows
+    # search_ms, extraction_ms: wall-clock time of each step with a search or an extraction; not part of the digest
+    # (shorter if another robot of this process has searched before)
     search_ms: list[float] = field(default_factory=list)
     extraction_ms: list[float] = field(default_factory=list)
-    pose_error_m: list[float] = field(default_factory=list)  # of each step, with fixes
-    odometry_error_m: list[float] = field(default_factory=list)  # without
+    pose_error_m: list[float] = field(default_factory=list)  # at each step, with fixes
+    odometry_error_m: list[float] = field(default_factory=list)  # at each step, without fixes
     not_validated: list[tuple[float, str]] = field(default_factory=list)  # (t_s, reason)
     actions: list[tuple[float, str]] = field(default_factory=list)
-    # (t_s, true pose, estimate, odometry alone) of each step, if it is kept
+    # (t_s, true pose, estimate, odometry alone) at each step, if the trace is kept
     trace: list[tuple[float, Pose, Pose, Pose]] = field(default_factory=list)
-    # (t_s, what it had learnt that its odometry leaves out: see `drift`) whenever that changed, if the trace is kept
+    # (t_s, estimated odometry error: see `drift`) at each change, if the trace is kept
     drifts: list[tuple[float, tuple[float, float, float]]] = field(default_factory=list)
     digest: str = ""
-    lacks: tuple[str, ...] = ()  # what nodes that it could have decoded next are made of, and its world does not have
-    safe_mode_s: float | None = None  # when it was stopped by those who audit it, or None
-    # What it has learnt that its odometry leaves out: of the way, of turns, and radians per metre
+    lacks: tuple[str, ...] = ()  # kinds of observations that undecoded nodes need and the building lacks
+    safe_mode_s: float | None = None  # time at which its auditors stopped it, or None
+    # Its estimate of what its odometry misses: share of distances and of turns, and radians per metre
     drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    audits_passed: int = 0  # of others, by it
+    audits_passed: int = 0  # audits of other robots by this one
     audits_refused: int = 0  # likewise
-    false_decodes: int = 0  # nodes decoded by a landmark that was not in sight, or in another place
-    # (t_s, what was false: "fix" or a node, what was wrong with it), for whoever looks for the cause
+    false_decodes: int = 0  # nodes decoded by a landmark that was hidden, or in another place
+    # (t_s, "fix" or the node, kind of the error), for diagnosis
     denied: list[tuple[float, str, str]] = field(default_factory=list)
-    heading_error_rad: list[float] = field(default_factory=list)  # of each step, with fixes
+    heading_error_rad: list[float] = field(default_factory=list)  # at each step, with fixes
 
 
 class TimedController(MissionController):
-    """The robot's own controller, with a stopwatch on which nothing depends.
+    """Mission controller that also measures its computing time, without effect on its behaviour.
 
     Attributes:
-        search_ms, extraction_ms: of each step in which something was tried or seen.
+        search_ms, extraction_ms: of each step with a search or an extraction.
     """
 
     def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
@@ -76,14 +76,14 @@ class TimedController(MissionController):
         self.extraction_ms: list[float] = []
 
     def landmarks(self, scan: bytes, pose: Pose) -> Sequence[Landmark]:
-        """As the robot's."""
+        """Extract landmarks as the controller does, and record the time."""
         began = time.perf_counter()
         found = super().landmarks(scan, pose)
         self.extraction_ms.append(1e3 * (time.perf_counter() - began))
         return found
 
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
-        """As the robot's."""
+        """Process a reading as the controller does, and record the time."""
         self.tries, began = 0, time.perf_counter()
         kept = super().keep(step, t_ms, reading, raw)
         if self.tries:
@@ -91,7 +91,7 @@ class TimedController(MissionController):
         return kept
 
     def walk(self, seen: Experience, claim: Claim | None) -> tuple[State, Outcome]:
-        """As the robot's."""
+        """Advance the mission as the controller does, and record the time."""
         began = time.perf_counter()
         walk, outcome = super().walk(seen, claim)
         if outcome.trials:
@@ -100,7 +100,7 @@ class TimedController(MissionController):
 
 
 class Logbook:
-    """Keeps a robot's report; with its number the seed decides all that is drawn for it."""
+    """Recorder of a robot's report; the run's seed and the robot's number determine its random draws."""
 
     def __init__(self, number: int, body: MissionBody, controller: TimedController, *, keep_trace: bool) -> None:
         self.number, self.body, self.controller = number, body, controller
@@ -110,7 +110,7 @@ class Logbook:
         self._truth = Truth(body.building.plan, body.building.lidar.config)
 
     def note(self, t_s: float) -> None:
-        """Writes down what came of a step."""
+        """Record the outcome of a step."""
         report, true = self.report, self.body.wheels.pose
         estimate, uncorrected = self.controller.memory.belief.pose, self.controller.uncorrected_pose()
         outcome, phase = self.controller.outcome, self.controller.memory.walk.phase
@@ -139,7 +139,7 @@ class Logbook:
 
     def _decoded(self, t_s: float, outcome: Outcome) -> None:
         report, opened = self.report, outcome.decoded
-        assert opened is not None, "called when there is one"
+        assert opened is not None, "called only after a decoding"
         self._digest.update(struct.pack("<i", opened.node))
         cell_m = self.controller.given.mission.header.coding.delta_mm / MM_PER_M
         if wrong := self._truth.decoding_error(self.body.wheels.pose, opened, self.controller.seen, cell_m):
@@ -154,28 +154,28 @@ class Logbook:
                 report.actions.append((t_s, action.name))
 
     def _why_not(self, outcome: Outcome, phase: Phase) -> str:
-        """The reason, if this step brought one that is worth telling: fallen back, stopped, or a match not believed."""
-        told = self.report.not_validated
+        """Return the reason if a step fell back, stopped or rejected a match, else ""."""
+        reported = self.report.not_validated
         if outcome.reason is Reason.STOPPED:
             return ""
         if phase is Phase.HELD:
             return Reason.TIMED_OUT.value if outcome.event is Event.TIMED_OUT else Reason.NO_WAY.value
         if outcome.event in (Event.TIMED_OUT, Event.BLOCKED):
             return str(outcome.event.value)
-        if outcome.reason in _TOLD and (not told or told[-1][1] != outcome.reason.value):
+        if outcome.reason in _REPORTED and (not reported or reported[-1][1] != outcome.reason.value):
             return str(outcome.reason.value)
         return ""
 
     def finish(self, safe_mode_s: float | None = None) -> Report:
-        """Return the outcome of the robot, and when its auditors stopped it, if they did."""
-        told = self.report.not_validated
+        """Return the robot's report; `safe_mode_s` is the time at which its auditors stopped it, if they did."""
+        reported = self.report.not_validated
         if safe_mode_s is not None:
-            told = [*told, (safe_mode_s, "Safe Mode")]
+            reported = [*reported, (safe_mode_s, "Safe Mode")]
         elif not self.controller.over:
-            told = [*told, (self.report.t_s, "out of time")]
+            reported = [*reported, (self.report.t_s, "out of time")]
         return replace(
             self.report,
-            not_validated=told,
+            not_validated=reported,
             digest=self._digest.hexdigest(),
             lacks=self._lacks(),
             drift=self.controller.memory.belief.drift,
@@ -183,7 +183,7 @@ class Logbook:
         )
 
     def _lacks(self) -> tuple[str, ...]:
-        # A paper file tells what nodes are made of; in a sealed one a gate tells it of the node behind.
+        # A paper file contains the shapes of all nodes; in a sealed one a gate contains that of the next node.
         walk, mission = self.controller.memory.walk, self.controller.given.mission
         gates = [gate for (_, node), gate in walk.keys.gates.items() if node not in walk.opened]
         shapes = [*mission.header.shapes, *(hint.shape for gate in gates for hint in gate.hints)]
@@ -191,36 +191,36 @@ class Logbook:
         wanted = (
             ("codes on the walls", "text", building.camera),
             ("actions that robots can do", "action", self.controller.given.pool),
-            ("beacons, or what else other sensors tell of", "sensors", building.plan.sources),
+            ("beacons or other sources of sensor readings", "sensors", building.plan.sources),
         )
         lacks = (what for what, kind, has in wanted if not has and any(getattr(shape, kind) for shape in shapes))
         return () if self.report.done else tuple(lacks)
 
 
 def digest_of(reports: list[Report]) -> str:
-    """Of all that a run decides, and no clock: where robots were at each step, what they decoded, tried and did."""
+    """Return a digest of everything deterministic in a run: poses, decoded nodes, hashes tried and actions."""
 
-    def lived(report: Report) -> str:
-        told = (report.robot, report.done, report.t_s, report.hashes_tried, report.false_fixes, report.safe_mode_s)
-        return repr((report.digest, *told, report.decoded, report.not_validated, report.actions))
+    def outcome_of(report: Report) -> str:
+        totals = (report.robot, report.done, report.t_s, report.hashes_tried, report.false_fixes, report.safe_mode_s)
+        return repr((report.digest, *totals, report.decoded, report.not_validated, report.actions))
 
-    return hashlib.sha256("\n".join(map(lived, reports)).encode()).hexdigest()
+    return hashlib.sha256("\n".join(map(outcome_of, reports)).encode()).hexdigest()
 
 
 def format_drift(drift: tuple[float, float, float]) -> str:
-    """Format the estimated odometry drift for people, see `Report.drift`."""
+    """Format the estimated odometry error for display; see `Report.drift`."""
     way, turn, curve = drift
     return f"way {100 * way:+.1f} %   turns {100 * turn:+.1f} %   {math.degrees(curve):+.2f}° a metre"
 
 
 def quantile(reports: list[Report], name: str, share: float) -> float | None:
-    """Of a figure that reports have for each step; None if there was no step."""
+    """Return a quantile of a per-step value over all reports; None without steps."""
     values = np.concatenate([np.array(getattr(report, name), np.float64) for report in reports])
     return round(float(np.quantile(values, share)), 4) if len(values) else None
 
 
 def summary(run: MissionRun, reports: list[Report]) -> dict[str, Any]:
-    """Return a run in figures, as `phalanx mission run --json` prints them."""
+    """Return the run's summary, as `phalanx mission run --json` prints it."""
     return {
         "robots": len(reports),
         "nodes": sum(len(run.part_of(report.robot).mission.nodes) for report in reports),

@@ -1,8 +1,8 @@
-"""A mission run: robots that know only the encoded graph, from their start until done, held or out of time.
+"""Run a mission: robots that know only the encoded graph, from the start until done, held or out of time.
 
-Robots do not hinder each other (each sees the building and who walks there, not the others), and what is drawn for one
-depends on the seed and its number alone. Those that cannot hear each other each live in a world of their own, so the
-digest of a run is the same however many processes share the work.
+Robots do not obstruct each other: each senses the building and walking people, not the other robots. A robot's random
+draws depend only on the seed and its number. Robots that are not in radio range of each other run in separate worlds,
+so the digest of a run does not depend on the number of processes.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ def run_mission(
     """Run a mission and return the outcome of each robot.
 
     Args:
-        workers: processes that share robots which cannot hear each other.
-        on_progress: called with the share of the work that is done; of the first process's robots.
+        workers: number of processes, for robots that are not in range of each other.
+        on_progress: receives the completed share of the first process's work.
     Raises: Unavailable: one of the processes was killed.
     """
     if not run.alone:
-        return _live(run, range(run.robots), on_progress)
+        return _run(run, range(run.robots), on_progress)
     workers = max(1, min(workers, run.robots))
     if workers == 1:
         return _each(run, range(run.robots), on_progress)
@@ -43,53 +43,53 @@ def run_mission(
     with ExitStack() as others:
         pipes = []
         for share in shares[1:]:
-            pipe, theirs = context.Pipe(duplex=False)
-            process = context.Process(target=_elsewhere, args=(theirs, run, share), daemon=True)
+            pipe, child_end = context.Pipe(duplex=False)
+            process = context.Process(target=_elsewhere, args=(child_end, run, share), daemon=True)
             process.start()
-            theirs.close()  # theirs alone now, so that it ends with them
+            child_end.close()  # only the child holds it now, so that EOF shows its end
             others.callback(process.join)
             others.callback(process.terminate)
             pipes.append(pipe)
         reports = _each(run, shares[0], on_progress)
         for pipe in pipes:
-            reports += _told(pipe)
+            reports += _receive(pipe)
     return sorted(reports, key=lambda report: report.robot)
 
 
 def _elsewhere(pipe: Connection, run: MissionRun, numbers: range) -> None:
-    """The body of another process: what became of these robots, or what went wrong, into the pipe."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever called
+    """Run some robots in another process, and send their reports, or the exception, into the pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent
     try:
         pipe.send(_each(run, numbers))
-    except Exception as error:  # noqa: BLE001 - whoever called raises it
+    except Exception as error:  # noqa: BLE001 - the parent raises it
         pipe.send(error)
 
 
-def _told(pipe: Connection) -> list[Report]:
+def _receive(pipe: Connection) -> list[Report]:
     try:
-        told: list[Report] | Exception = pipe.recv()
+        received: list[Report] | Exception = pipe.recv()
     except (EOFError, OSError) as error:
-        raise Unavailable("a process that lived some of the robots was killed", "is there memory enough?") from error
-    if isinstance(told, Exception):
-        raise told
-    return told
+        raise Unavailable("a process that ran some of the robots was killed", "check the free memory") from error
+    if isinstance(received, Exception):
+        raise received
+    return received
 
 
 def _each(run: MissionRun, numbers: range, on_progress: Callable[[float], None] = lambda _share: None) -> list[Report]:
-    """The reports of these robots, each of which lives by itself, but for what another has searched in vain."""
+    """Run each robot in its own world; they share only the cache of failed searches."""
     walkers = walkers_of(run)
 
-    def live(done: int, number: int) -> Report:
-        (report,) = _live(run, (number,), lambda share: on_progress((done + share) / len(numbers)), walkers)
+    def run_one(done: int, number: int) -> Report:
+        (report,) = _run(run, (number,), lambda share: on_progress((done + share) / len(numbers)), walkers)
         return report
 
-    return [live(*each) for each in enumerate(numbers)]
+    return [run_one(*each) for each in enumerate(numbers)]
 
 
-def _live(
+def _run(
     run: MissionRun, numbers: Sequence[int], on_progress: Callable[[float], None], walkers: Sequence[Walker] = ()
 ) -> list[Report]:
-    """The reports of these robots, who live in one world."""
+    """Run these robots in one world, and return their reports."""
     world = MissionWorld(run, numbers, walkers=walkers)
     now_s = 0.0
     while now_s < run.duration_s and not world.over:

@@ -29,61 +29,61 @@ MakeLiar = Callable[[Fleet, int, Work, Callable[[int], Controller]], Robot]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Part of one robot: an encoded mission, its start key and the start pose."""
+    """Part of a mission for one robot: encoded mission, start key and start pose."""
 
     mission: EncodedMission
     key: StartKey | None
     start: Pose
-    name: str = ""  # by which other robots know one on this part when they see what it does; "" if none looks
+    name: str = ""  # name in sensor readings of other robots that see its actions; "" if none does
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionRun:
-    """All that decides a run.
+    """Settings that determine a run.
 
-    Raises: UsageError: a value is out of range, or audits cannot show what the mission needs.
+    Raises: UsageError: a value is out of range, or the mission needs something that cannot be audited.
     """
 
     plan: FloorPlan  # the building; its walls do not stop radio
-    parts: tuple[Part, ...]  # of the mission; robot i gets part i modulo their number
+    parts: tuple[Part, ...]  # robot i gets part i modulo their number
     robots: int = 1
-    defence: str = "none"  # "none", "paper" or "hardened": whether, and by which protocol, robots audit each other
-    f_max: int = 1  # the most compromised robots that audits tolerate
-    # Of their odometry
+    defence: str = "none"  # "none", "paper" or "hardened": the protocol by which robots audit each other
+    f_max: int = 1  # largest number of compromised robots that audits tolerate
+    # Error of the robots' odometry
     noise: OdometryNoise = OdometryNoise()  # noqa: RUF009  # frozen
     seed: int = 0
-    begin_s: float = 0.0  # the mission's clock when it starts
-    apart_s: float = 0.0  # from one robot's setting out to the next's, on the same part
-    duration_s: float = 1800.0  # robots that are not done by then have not completed
+    begin_s: float = 0.0  # mission time at the start
+    apart_s: float = 0.0  # time between the starts of two robots on the same part
+    duration_s: float = 1800.0  # end of the run
     pool: tuple[Action, ...] = ()
-    # Messages that a controller sends when the robots start, from a station in the middle
+    # Messages that a controller sends from a station in the middle when the robots start
     controller: tuple[bytes, ...] = ()
-    meet_m: float = 0.0  # robots so near that see each other exchange what they decoded; 0 is never
-    keep_trace: bool = False  # keep where robots were at every step
-    # How robots see
+    meet_m: float = 0.0  # distance within which robots that see each other exchange proofs of decoded nodes; 0: never
+    keep_trace: bool = False  # record the poses at every step
+    # Lidar of the robots
     lidar: LidarConfig = LidarConfig()  # noqa: RUF009  # frozen
-    people: int = 0  # who walk about, are seen by lidars and hide codes; robots stop when they touch one
-    # How hard robots try
+    people: int = 0  # walking people, who occlude walls and codes; robots stop on contact with them
+    # Search effort of the robots
     config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
-    liars: Mapping[int, MakeLiar] = field(default_factory=dict)  # what makes a compromised robot, by number
+    liars: Mapping[int, MakeLiar] = field(default_factory=dict)  # constructors of compromised robots, by number
 
     def __post_init__(self) -> None:
         if not 1 <= self.robots <= ROBOTS_MAX:
-            raise UsageError(f"{self.robots} robots", f"1 to {ROBOTS_MAX}")
+            raise UsageError(f"{self.robots} robots", f"use 1 to {ROBOTS_MAX}")
         if not 0 < self.duration_s <= 86_400:
-            raise UsageError(f"a run of {self.duration_s} s", "up to a day")
+            raise UsageError(f"a run of {self.duration_s} s", "use up to a day")
         if self.seed < 0:
-            raise UsageError(f"seed {self.seed}", "0 or more")
+            raise UsageError(f"seed {self.seed}", "use 0 or more")
         if not 0 <= self.people <= PEOPLE_MAX:
-            raise UsageError(f"{self.people} people", f"0 to {PEOPLE_MAX}")
+            raise UsageError(f"{self.people} people", f"use 0 to {PEOPLE_MAX}")
         if self.defence not in DEFENCES:
-            raise UsageError(f"no defence {self.defence!r}", f"one of {', '.join(DEFENCES)}")
+            raise UsageError(f"no defence {self.defence!r}", f"use one of {', '.join(DEFENCES)}")
         if not self.alone and self.robots > IN_HEARING_MAX:
-            raise UsageError(f"{self.robots} robots that hear each other", f"up to {IN_HEARING_MAX}")
+            raise UsageError(f"{self.robots} robots in range of each other", f"use up to {IN_HEARING_MAX}")
         if self.audited:
             check_count(self.robots, self.f_max)
             if self.meet_m:
-                raise UsageError("what robots tell each other when they meet cannot be audited yet", "--defence none")
+                raise UsageError("exchanges between robots that meet cannot be audited yet", "use --defence none")
 
     @property
     def audited(self) -> bool:
@@ -92,46 +92,46 @@ class MissionRun:
 
     @property
     def alone(self) -> bool:
-        """Return whether no robot can hear another, or is to see what another does."""
+        """Return whether all robots are independent: none communicates with others or sees their actions."""
         says = any(node.sends for part in self.parts for node in part.mission.nodes)
         sees = any(part.name for part in self.parts)
         return not (self.audited or self.meet_m or says or sees)
 
     def part_of(self, number: int) -> Part:
-        """Return a robot's part."""
+        """Return the part of a robot."""
         return self.parts[number % len(self.parts)]
 
 
-def doing(who: str, action: str) -> str:
-    """Return the sensor reading of another robot, on part `who`, that does something: S_ij.
+def doing(part: str, action: str) -> str:
+    """Return the sensor reading for another robot, on this part, that does an action: S_ij.
 
     Source: Encoded graphs Fig. 5 (sensor data at robot i, describing robot j's actions).
     """
-    return f"{who}{DOES}{action}"
+    return f"{part}{DOES}{action}"
 
 
 def check_count(robots: int, f_max: int) -> None:
-    """Do nothing if so many robots can get tokens from each other on missions.
+    """Check that this number of robots can get enough tokens from each other on missions.
 
-    Raises: UsageError: there are too few for each to get its tokens from the others, or too many.
+    Raises: UsageError: there are too few robots for each to get its tokens from the others, or too many.
     """
     least = tokens_of(f_max) + 1
     if robots < least:
-        who = "1 robot" if robots == 1 else f"{robots} robots"
-        hint = f"at least {least}; or --defence none"
-        raise UsageError(f"{who} cannot audit each other with f_max {f_max}", hint)
+        count = "1 robot" if robots == 1 else f"{robots} robots"
+        hint = f"use at least {least}, or --defence none"
+        raise UsageError(f"{count} cannot audit each other with f_max {f_max}", hint)
     if robots > AUDITED_MAX:
-        hint = f"at most {AUDITED_MAX}; or --defence none"
+        hint = f"use at most {AUDITED_MAX}, or --defence none"
         raise UsageError(f"{robots} robots on missions cannot audit each other in time", hint)
 
 
 def pool_of(plain: Mission) -> tuple[Action, ...]:
-    """The actions that a mission's author counts on: what robots must be capable of, without where or when."""
+    """Return the actions that robots must be capable of for a mission, without place and time."""
     return tuple(dict.fromkeys(actions_of(plain, plain.parts)))
 
 
 def actions_of(plain: Mission, parts: Container[str]) -> list[Action]:
-    """Return the actions that a mission asks of robots on some of its parts."""
+    """Return the actions that a mission requires on some of its parts."""
     nodes = {node.name: node for node in plain.nodes if node.part in parts}
     done: list[Action] = []
     for node in nodes.values():

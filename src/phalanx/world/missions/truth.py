@@ -1,10 +1,10 @@
-"""Judge a robot's beliefs by ground truth.
+"""Evaluate a robot's beliefs by ground truth.
 
-A fix is false if it leaves the robot more than 0.5 m or 6 degrees off, or further than three of its own standard
-deviations, where it has an idea of them. A decoded node is false if its landmark is not in sight where it truly is, or
-not what the robot saw; or if it is a place, and the robot is elsewhere.
+A fix is false if its error exceeds 0.5 m or 6 degrees, or three of the robot's own standard deviations if it has an
+estimate. A decoded node is false if its landmark is hidden from the true pose, or is not the one that the robot saw;
+for a position, if the robot is elsewhere.
 
-People do not count: who walks before a landmark does not make it a false one.
+Walking people are ignored: a landmark hidden by a person does not count as false.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from phalanx.world.building.odometry import Pose
 FALSE_FIX_M = 0.5
 FALSE_FIX_RAD = math.radians(6)
 SIGMAS = 3.0
-# What was seen lay so near to the landmark's true place, and was turned like it: a bin of headings, and a little.
+# Largest errors in position and orientation of a sighting of the landmark: a bin of headings, and some tolerance.
 NEAR_M = 0.35
 NEAR_RAD = math.radians(20)
-# On each axis; half a cell comes to it.
+# Per axis, plus half a cell.
 PLACE_M = 0.5
-# A ray may end so far before the landmark: it lies on a wall, and the plan is no more exact.
+# A ray may end this far before the landmark, which lies on a wall, because the plan is not exact.
 SHORT_M = 0.1
-# And a beam that passes so far beside the landmark may show it, where something stands close before it.
+# A beam at this distance beside the landmark may also show it, if an object stands close before it.
 BESIDE_M = 0.03
 EDGE_RAD = math.radians(1)
-# A doorway is seen in its middle or as deep before or behind it; a room as far around its middle.
+# A doorway may be seen at its centre, or this far before or behind it; a room this far around its centre.
 DEEP_M, WIDE_M = 0.25, 0.5
-# So near, the middle of what has some size may lie behind the robot: it is the corners and jambs that are seen.
+# Within this distance the centre of a large landmark may lie behind the robot, which sees its corners or jambs.
 AROUND_M = {"room": math.inf, "doorway": 1.5}
 
 
@@ -41,7 +41,7 @@ def pose_error(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
     """Name the error of an estimated pose: "metres", "degrees", "sigmas", or "" if it is right.
 
     Args:
-        spread: how uncertain the robot takes its estimate to be, or None if it has no idea.
+        spread: covariance of the robot's estimate, or None if it has none.
     """
     x, y = estimate[0] - true[0], estimate[1] - true[1]
     away, turned = math.hypot(x, y), abs(math.remainder(estimate[2] - true[2], math.tau))
@@ -51,7 +51,7 @@ def pose_error(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
         return "degrees"
     if spread is None:
         return ""
-    # Along the error, however the axes lie: away² · variance is (x, y) · covariance · (x, y).
+    # Standard deviation along the error: away² · variance is (x, y) · covariance · (x, y).
     xx, xy, _, yy, _, hh = spread
     along = x * x * xx + 2 * x * y * xy + y * y * yy
     is_beyond = away * away > SIGMAS * math.sqrt(max(0.0, along)) or turned > SIGMAS * math.sqrt(max(0.0, hh))
@@ -59,7 +59,7 @@ def pose_error(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
 
 
 class Truth:
-    """Ground truth of a building, for robots with such a lidar."""
+    """Ground truth of a building, for robots with this lidar."""
 
     def __init__(self, plan: FloorPlan, lidar: LidarConfig) -> None:
         self._plan, self._lidar = plan, lidar
@@ -68,9 +68,9 @@ class Truth:
         """Name the error of a decoded node: "elsewhere", "hidden", "another", or "" if it is right.
 
         Args:
-            true: where the robot is.
-            seen: what it experienced in this step, put on the map by where it took itself to be.
-            cell_m: edge of a cell of the mission's.
+            true: true pose of the robot.
+            seen: observations in this step, on the map by the estimated pose.
+            cell_m: edge of a cell of the mission.
         """
         landmark = opened.landmark
         if landmark is not None:
@@ -83,9 +83,9 @@ class Truth:
         return "elsewhere" if off_m > PLACE_M + cell_m / 2 else ""
 
     def in_sight(self, true: Pose, landmark: Landmark) -> bool:
-        """Return whether a robot there can see where a landmark is: in range, in its field of view, behind no wall.
+        """Return whether a landmark is visible from a pose: in range, in the field of view, not behind a wall.
 
-        Of a room it is the walls around that are in the field of view, so its middle need not be.
+        A room is visible by its walls, so that its centre may be outside the field of view.
         """
         around_m = AROUND_M.get(landmark.type, NEAR_M)
         return any(self._sees(true, point, around_m) for point in _points_of(landmark))
@@ -107,7 +107,7 @@ class Truth:
 
 
 def _points_of(landmark: Landmark) -> list[tuple[float, float]]:
-    """Return points of a landmark; any visible one will do."""
+    """Return points of a landmark; the landmark is visible if any of them is."""
     x, y = landmark.x_m, landmark.y_m
     if landmark.type == "room":
         around = [(WIDE_M * math.cos(i * math.pi / 4), WIDE_M * math.sin(i * math.pi / 4)) for i in range(8)]
@@ -119,7 +119,7 @@ def _points_of(landmark: Landmark) -> list[tuple[float, float]]:
 
 
 def _was_seen(true: Pose, landmark: Landmark, seen: Experience) -> bool:
-    """Return whether something like it was seen where it is, by where the robot truly is."""
+    """Return whether the robot observed this landmark, with observations placed by its true pose."""
     turn = true[2] - seen.heading_rad
     cosine, sine = math.cos(turn), math.sin(turn)
     for other in seen.landmarks:

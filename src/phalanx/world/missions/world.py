@@ -1,7 +1,7 @@
-"""Robots on encoded missions in a building: walls, lidars and wheels behind the events of the audited world.
+"""Robots on encoded missions in a building: walls, lidars and wheels for the event loop of the audited world.
 
-Each robot's c-node runs in Python, with its own start key; the trusted nodes, the radio and the rounds of audits are
-those of every protected swarm. Without a defence there are none, and robots take in what no chain would hold.
+Each robot's c-node runs in Python with its own start key. Trusted nodes, radio and audits are those of any protected
+swarm. Without a defence there are no audits, and robots use inputs that no log covers.
 """
 
 from __future__ import annotations
@@ -36,37 +36,37 @@ from .body import Building, MissionBody
 from .report import Logbook, Report, TimedController
 from .setup import MissionRun, doing
 
-Proofs = tuple[tuple[int, bytes], ...]  # node, and what shows that somebody decoded it
+Proofs = tuple[tuple[int, bytes], ...]  # node, and proof that a robot decoded it
 US_PER_S = 1e6
-STEP_S = 0.1  # from one reading to the next, where robots do not audit each other
-PICTURE_S = 0.5  # from one picture of a camera to the next
+STEP_S = 0.1  # time between readings without audits
+PICTURE_S = 0.5  # time between pictures of the camera
 NO_CONTACTS_M = 0.0
 NEIGHBOURS_LEAST = 8
 STATION_ID = 0
-# How often robots that see each other exchange proofs, and the station says a message.
-MEET, SAY = "meet", "say"
-PERIOD_US = {MEET: 500_000, SAY: 1_500_000}
-WATCH_M = 10.0  # robots see what others do from so near
+# Periods at which robots that see each other exchange proofs, and at which the station sends a message.
+MEET, SEND = "meet", "send"
+PERIOD_US = {MEET: 500_000, SEND: 1_500_000}
+WATCH_M = 10.0  # distance within which robots see each other's actions
 KEYS_DRAW = 0x706D
-PEOPLE_DRAW = 1 << 32  # no robot's number: what is drawn for people is drawn for nobody else
+PEOPLE_DRAW = 1 << 32  # not a robot's number, so that people have a random stream of their own
 
 
 def walkers_of(run: MissionRun) -> list[Walker]:
-    """Of each part. Raises: as `Walker`."""
+    """Return a walker for each part. Raises: as `Walker`."""
     return [Walker(part.mission, part.key, run.config.seen_by(run.lidar)) for part in run.parts]
 
 
 class MissionRobot(Logbook):
-    """One robot of a run.
+    """One robot of a run, with its body, controller and report.
 
     Attributes:
-        rests: it is left where it stands for now.
-        attack: that it was made to run, or "".
-        hears: messages that come to it by another road than the radio, with its next reading.
+        rests: whether the robot stands still for now.
+        attack: name of the attack that it runs, or "".
+        hears: messages to deliver with its next reading, other than by radio.
     """
 
     def __init__(self, number: int, body: MissionBody, inner: Robot, *, keep_trace: bool) -> None:
-        assert isinstance(inner.controller, TimedController), "the world has made it"
+        assert isinstance(inner.controller, TimedController), "created by MissionWorld"
         super().__init__(number, body, inner.controller, keep_trace=keep_trace)
         self.inner = inner
         self.rests = False
@@ -75,13 +75,12 @@ class MissionRobot(Logbook):
 
 
 class MissionWorld:
-    """A run, being lived.
+    """Simulation of a mission run.
 
     Args:
-        numbers: robots that live here; None is all.
-        building: where; None is the run's.
-        walkers: of each part, or one for all; without, they are made here. What one has searched in vain for a robot it
-            need not search for the next.
+        numbers: robots in this world; None is all.
+        building: None is the run's.
+        walkers: one for each part, or one for all; if empty, they are created. They cache failed searches.
     Raises: as `Walker`, for a start key that is missing or another mission's.
     """
 
@@ -135,16 +134,16 @@ class MissionWorld:
             ),
             np.random.default_rng([run.seed, numbers[0], KEYS_DRAW]),
         )
-        # Asked for at every event: reading a record's field takes a microsecond.
+        # Cached for use at every event: reading a record's field takes a microsecond.
         clock = self.world.clock
         self._now_us, self._event = clock["now_us"], (clock["kind"], clock["robot"])
         walkers = walkers or walkers_of(run)
         self.robots = [self._robot(i, number, walkers) for i, number in enumerate(numbers)]
         self._verdicts = VerdictReader(self.world)
-        self._said = 0
+        self._sent = 0
         self._is_watched = any(part.name for part in run.parts)
-        happens = {MEET: run.meet_m > 0, SAY: bool(run.controller)}
-        self._due_us = {what: PERIOD_US[what] for what, does in happens.items() if does}
+        happens = {MEET: run.meet_m > 0, SEND: bool(run.controller)}
+        self._due_us = {what: PERIOD_US[what] for what, is_due in happens.items() if is_due}
         start(self.world, self._inners)
 
     def _robot(self, i: int, number: int, walkers: Sequence[Walker]) -> MissionRobot:
@@ -163,16 +162,16 @@ class MissionWorld:
 
     @property
     def now_s(self) -> float:
-        """Simulated seconds so far."""
+        """Return the simulated time, s."""
         return float(self._now_us[0]) / US_PER_S
 
     @property
     def over(self) -> bool:
-        """Return whether nobody has anything left to do."""
+        """Return whether all robots are finished or in Safe Mode."""
         return all(robot.controller.over or self.world.safe[i] for i, robot in enumerate(self.robots))
 
     def advance(self, until_s: float) -> None:
-        """The world at `until_s`; robots that meet tell each other where they were, the station says its messages."""
+        """Advance to `until_s`, with exchanges between robots that meet and the station's messages."""
         until_us = round(until_s * US_PER_S)
         while self._now_us[0] < until_us:
             self._advance(min([until_us, *self._due_us.values()]))
@@ -180,7 +179,7 @@ class MissionWorld:
             for what, due_us in self._due_us.items():
                 if due_us <= now_us:
                     self._due_us[what] += PERIOD_US[what]
-                    self.meet() if what == MEET else self._say()
+                    self.meet() if what == MEET else self._send()
 
     def _advance(self, until_us: int) -> None:
         inners, (kind, robot) = self._inners, self._event
@@ -189,36 +188,36 @@ class MissionWorld:
                 self._control(int(robot[0]))
             else:
                 pybot.handle(self.world, inners)
-        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        assert refused(self.world.queue) == 0, "the event queue overflowed"
         for i in range(len(self.robots)):
             self._move(i)
 
-    def _say(self) -> None:
-        """The controller's messages, one after the other, again and again: a robot may have been out of hearing."""
-        message = self.run.controller[self._said % len(self.run.controller)]
+    def _send(self) -> None:
+        """Send the controller's next message; all are repeated in turn, for robots that were out of range."""
+        message = self.run.controller[self._sent % len(self.run.controller)]
         packet = np.frombuffer(bytearray(message_packet(STATION_ID, message)), np.uint8)
-        self._said += 1
+        self._sent += 1
         loop.transmit(self.world, len(self.robots), packet, len(packet), BROADCAST)
 
     def meet(self) -> list[tuple[MissionRobot, Proofs]]:
-        """Robots on the same part that see each other exchange proofs: another part's nodes have the same numbers.
+        """Exchange proofs between robots on the same part that see each other; other parts use the same node numbers.
 
-        Returns: who was told, and what.
+        Returns: the receivers, each with the proofs.
         """
-        told: list[tuple[MissionRobot, Proofs]] = []
+        received: list[tuple[MissionRobot, Proofs]] = []
         for one, other in combinations(self.robots, 2):
             a, b = one.body.wheels.pose[:2], other.body.wheels.pose[:2]
             is_same = one.number % len(self.run.parts) == other.number % len(self.run.parts)
             if is_same and math.dist(a, b) <= self.run.meet_m and self.run.plan.sees(a, b):
                 for here, there in ((one, other), (other, one)):
-                    told.append((there, here.controller.walker.report(here.controller.memory.walk)))
-        for robot, proofs in told:
+                    received.append((there, here.controller.walker.report(here.controller.memory.walk)))
+        for robot, proofs in received:
             memory = robot.controller.memory
             robot.controller.memory = replace(memory, walk=robot.controller.walker.accept_report(memory.walk, proofs))
-        return told
+        return received
 
     def _move(self, i: int) -> None:
-        """The robot is where physics puts it now, and radio waves find it there."""
+        """Move the robot's body to the current time, and its radio to the body's position."""
         body, safe_us = self.robots[i].body, int(self.world.safe_us[i])
         if safe_us >= 0:
             body.advance(safe_us / US_PER_S)
@@ -228,7 +227,7 @@ class MissionWorld:
         self.world.pos[i] = body.wheels.pose[:2]
 
     def _control(self, i: int) -> None:
-        """A reading is due: the robot's sensors are read, its c-node acts on them. Source: RoboRebound Alg. 1."""
+        """Read a robot's sensors, and let its c-node act on the reading. Source: RoboRebound Alg. 1."""
         robot = self.robots[i]
         if robot.rests or (robot.controller.over and not self.run.audited and not robot.controller.memory.said):
             robot.body.halt()
@@ -248,43 +247,43 @@ class MissionWorld:
             robot.note(self.now_s)
 
     def _watched(self, robot: MissionRobot) -> list[str]:
-        """Return the actions of others that a robot sees, all around it: S_ij. Source: Encoded graphs Fig. 5."""
+        """Return the actions of others that a robot sees in any direction: S_ij. Source: Encoded graphs Fig. 5."""
         if not self._is_watched:
             return []
-        at, told = robot.body.wheels.pose[:2], list[str]()
+        at, seen = robot.body.wheels.pose[:2], list[str]()
         for other in self.robots:
             name = self.run.part_of(other.number).name
             if name and other is not robot and (does := other.body.does()):
                 place = other.body.wheels.pose[:2]
                 if math.dist(at, place) <= WATCH_M and self.run.plan.sees(at, place):
-                    told += [doing(name, action) for action in does]
-        return told
+                    seen += [doing(name, action) for action in does]
+        return seen
 
     def compromise(self, i: int, attack: Attack, plan: CheatPlan) -> None:
-        """A robot lies from now on, with all that it knows."""
+        """Compromise a robot from now on; the attack has all of the robot's knowledge."""
         robot = self.robots[i]
-        assert robot.inner.make_controller is not None, "the world has made it"
+        assert robot.inner.make_controller is not None, "created by MissionWorld"
         liar = attack.kind(self.world.fleet, i, self.world.work, robot.inner.make_controller, plan=plan)
         liar.take_over(robot.controller)
         robot.inner, robot.attack = liar, attack.name
 
     def stopped_s(self, i: int) -> float | None:
-        """Return when a robot was put in Safe Mode, None if it was not."""
+        """Return the time at which a robot was put in Safe Mode, None if it was not."""
         safe_us = int(self.world.safe_us[i])
         return None if safe_us < 0 else safe_us / US_PER_S
 
     def new_verdicts(self) -> list[tuple[float, int, int, Refusal]]:
-        """Audits that ended since the last call: time s, auditor's id, auditee's, why it got no token or NONE."""
+        """Return the audits that ended since the last call: time s, auditor's id, auditee's, refusal or NONE."""
         return self._verdicts.new()
 
     def finish(self) -> list[Report]:
         """Return the outcome of each robot."""
-        told = self.world.fleet.robot
+        counts = self.world.fleet.robot
         return [
             replace(
                 robot.finish(self.stopped_s(i)),
-                audits_passed=int(told["audits_passed"][i]),
-                audits_refused=int(told["audits_refused"][i]),
+                audits_passed=int(counts["audits_passed"][i]),
+                audits_refused=int(counts["audits_refused"][i]),
             )
             for i, robot in enumerate(self.robots)
         ]

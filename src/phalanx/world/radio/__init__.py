@@ -1,1 +1,1 @@
-"""One radio channel for all robots, held to ns-3."""
+"""Shared radio channel of all robots, validated against ns-3."""

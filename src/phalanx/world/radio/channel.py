@@ -1,11 +1,11 @@
-"""One radio channel for all robots: CSMA/CA with carrier sense inside a disc, hidden terminals and losses by overlap.
+"""Shared radio channel: CSMA/CA with carrier sense inside a disc, hidden terminals, and losses by overlapping packets.
 
-Every robot has a NIC: a short queue of packets, a back-off counter, a random state of its own. The loop pops events and
-calls `attempt` and `finish`; everything else happens inside. What is modelled and what is not: docs/adr/0011.
+Every robot has a NIC with a short queue of packets, a back-off counter and its own random state. The event loop calls
+`attempt` and `finish`; everything else is internal. docs/adr/0011 lists what is modelled.
 
-Rules of this file. Carrier sense and reception look only at the robots in `Reach`. A NIC's next attempt only ever moves
-to a later time, so one event a NIC is enough: one that comes too early is put back. Whoever draws, draws from the NIC's
-own state, so that no robot's luck depends on the order of the others.
+Rules of this file. Carrier sense and reception consider only the robots in `Reach`. A NIC's next attempt only moves
+to a later time, so one event per NIC suffices: an event that comes too early is put back. Random draws use the state
+of the NIC concerned, so that no robot's draws depend on the order of the others.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from phalanx.world.audited.events import Queue, push
 from . import nic as card
 from .reach import Reach, in_range
 
-# Kinds of events; a TX_END's arg is 0 for a packet, 1 + the robot that is answered for an acknowledgement.
+# Kinds of events; a TX_END's arg is 0 for a packet, or 1 + the robot to which an acknowledgement goes.
 ATTEMPT, TX_END = 1, 2
 
 BROADCAST = -1
@@ -36,60 +36,60 @@ SLOTS = 16
 SHORT_BYTES = 64
 AUDIT_BIT = 0x80
 
-# Rows of `Air.counts[i]`: what a packet is, by its first byte and its destination.
+# Rows of `Air.counts[i]`: class of a packet, by its first byte and its destination.
 APP_BROADCAST, APP_UNICAST, AUDIT_BROADCAST, AUDIT_UNICAST = 0, 1, 2, 3
-# Columns: packets that left or were given up, receptions due and those that came about (all on the sender's account),
-# packets heard by this robot, bytes of packets sent (each once, however often tried), airtime of all tries, sum over
-# receptions of µs since `enqueue`, packets that found no room in the NIC.
+# Columns: packets that were sent or given up, receptions due, and successful ones (all counted for the sender); packets
+# received by this robot; bytes of packets sent (once per packet); airtime of all attempts; sum over receptions of µs
+# since `enqueue`; packets dropped because the NIC was full.
 SENT, DUE, ARRIVED, HEARD, BYTES, AIRTIME_US, DELAY_US, DROPPED = 0, 1, 2, 3, 4, 5, 6, 7
 
 
 SLOT = layout(
-    "since i8",  # when the packet was put there, µs
+    "since i8",  # time at which the packet was enqueued, µs
     "dst i4",  # robot or BROADCAST
     "length i4",  # bytes
 )
 
 
 class Air(NamedTuple):
-    """The channel and everybody's NIC; half a kB a robot."""
+    """The channel and the NICs of all robots; half a kB per robot."""
 
     nic: Annotated[Any, Records(card.NIC)]  # (N,)
-    # By place first: most rings have one packet, so what lies behind the first places is never touched.
+    # Indexed by slot first: most rings hold one packet, so memory of the later slots is rarely touched.
     short: U8x3  # (SLOTS, N, SHORT_BYTES), packets of the ring
-    long: Pool  # of long_bytes: the one longer packet of each ring
+    long: Pool  # rows of long_bytes: at most one longer packet per ring
     slot: Annotated[Any, Records(SLOT, 2)]  # (SLOTS, N)
-    counts: I64x3  # (N, 4, 8), see APP_BROADCAST … and SENT …
-    tried: I64x2  # (N, 4), bytes of all tries of packets, by kind: a unicast packet without an answer is tried again
-    rates: Rates  # bits and times of a symbol
+    counts: I64x3  # (N, 4, 8), rows APP_BROADCAST …, columns SENT …
+    tried: I64x2  # (N, 4), bytes of all attempts, by class: an unacknowledged unicast packet is retried
+    rates: Rates  # bits and durations of symbols
     half_exponents: int  # twice the exponent of the path loss
-    capture: float  # how many times as strong as all that overlaps it a broadcast must be
+    capture: float  # ratio by which a broadcast must exceed the power of all overlapping packets
     data_capture: float  # the same for unicast packets and acknowledgements
-    loss: float  # share of receptions that fail by chance
-    tries: int  # transmissions of a unicast packet
+    loss: float  # probability that a reception fails regardless of interference
+    tries: int  # largest number of transmissions of a unicast packet
 
 
 pack = bundled(Air)
 
 
 class End(NamedTuple):
-    """Outcome of a transmission."""
+    """Outcome of a transmission or an acknowledgement."""
 
-    receivers: int  # how many robots have the packet now; their ids are in the caller's array
-    left: int  # robot whose NIC is done with the packet, or NOBODY: it may hand over the next one
+    receivers: int  # number of robots that received the packet now; their ids are in the caller's array
+    left: int  # robot whose NIC has finished with the packet, or NOBODY
     arrived: int  # for `left`: 1, or 0 if a unicast packet was given up
-    packet: Row  # its bytes, until somebody next calls `enqueue`
+    packet: Row  # its bytes, valid until the next call of `enqueue`
 
 
 def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
-    """A silent channel; `seed`, ≥ 0, and a robot's number decide all its back-offs.
+    """Return a silent channel; `seed`, ≥ 0, and a robot's number determine all its back-offs.
 
     Raises: UsageError: no robots, or a negative seed.
     """
     if robots < 1:
-        raise UsageError(f"{robots} robots", "at least 1")
+        raise UsageError(f"{robots} robots", "use at least 1")
     if seed < 0:
-        raise UsageError(f"seed is {seed}", "0 or more")
+        raise UsageError(f"seed is {seed}", "use 0 or more")
     air = Air(
         nic=card.make_nics(robots, seed),
         short=np.zeros((SLOTS, robots, SHORT_BYTES), np.uint8),
@@ -108,16 +108,16 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
 
 
 def delivery(air: Air, kind: int) -> float:
-    """Share of the receptions due that came about, 0 to 1, of APP_BROADCAST or another kind; NaN if none was due."""
+    """Return the delivery ratio, 0 to 1, of APP_BROADCAST or another class; NaN if no reception was due."""
     due = int(air.counts[:, kind, DUE].sum())
     return int(air.counts[:, kind, ARRIVED].sum()) / due if due else float("nan")
 
 
 @kernel
 def enqueue(air: Air, queue: Queue, robot: int, packet: Row, length: int, dst: int, now_us: int) -> int:
-    """0, and the robot's NIC will send the packet, a copy; -1 if it has no room, the length is not legal, or it is off.
+    """Enqueue a copy of a packet in the robot's NIC. Returns: 0; -1: the NIC is full or off, or the length is invalid.
 
-    `dst` is a robot, or BROADCAST. A packet to nobody is tried like one to a robot out of range.
+    `dst` is a robot, or BROADCAST. An unknown destination is treated as a robot out of range.
     """
     nic = air.nic[robot]
     is_long = length > SHORT_BYTES
@@ -148,14 +148,14 @@ def enqueue(air: Air, queue: Queue, robot: int, packet: Row, length: int, dst: i
 
 @kernel
 def silence(air: Air, robot: int) -> None:
-    """The robot's radio is off: it forgets its packets, hears nothing, acknowledges nothing; nobody waits for it.
+    """Turn the robot's radio off: drop its packets; it receives and acknowledges nothing, and is not waited for.
 
-    A packet that is on the air goes on to its end.
+    A transmission in progress continues to its end.
     Source: RoboRebound §3.6 (Safe Mode).
     """
     nic = air.nic[robot]
     nic.off, nic.tries = 1, air.tries
-    if nic.attempt_at != card.NEVER:  # nothing on its way: all that waits is forgotten
+    if nic.attempt_at != card.NEVER:  # no transmission in progress: drop all packets
         nic.attempt_at, nic.waiting = card.NEVER, 0
     nic.waiting = min(int(nic.waiting), 1)
 
@@ -190,21 +190,21 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
 
 @kernel
 def is_retry(air: Air, robot: int, now_us: int) -> bool:
-    """Return whether an ATTEMPT now transmits a packet once more."""
+    """Return whether an ATTEMPT at this time retransmits a packet."""
     nic = air.nic[robot]
     return bool(nic.tries > 0 and nic.attempt_at != card.NEVER and nic.attempt_at <= now_us)
 
 
 @kernel
 def next_packet(air: Air, robot: int) -> Row:
-    """Return the packet that the robot transmits next, or now."""
+    """Return the packet that the robot transmits now or next."""
     nic = air.nic[robot]
     return _bytes(air, robot, int(nic.head))
 
 
 @kernel
 def give_up(air: Air, queue: Queue, robot: int, now_us: int) -> End:
-    """Drop the packet that waits for a retry."""
+    """Drop the packet that is waiting for a retry."""
     nic = air.nic[robot]
     nic.queued, nic.attempt_at = 0, card.NEVER
     arrived = 1 if nic.delivered else 0
@@ -214,9 +214,9 @@ def give_up(air: Air, queue: Queue, robot: int, now_us: int) -> End:
 
 @kernel
 def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: I32x1) -> End:
-    """Handle a TX_END: decide which robots received, and whether the NIC is done with the packet.
+    """Handle a TX_END: decide which robots received the packet, and whether the NIC has finished with it.
 
-    `receivers`, (≥ N,), is filled with the ids of those who received the packet now; `robot` and `arg` are the event's.
+    `receivers`, (≥ N,), is filled with the indices of the receivers; `robot` and `arg` are those of the event.
     Source: IEEE 802.11-2020 §10.23.2, as in ns-3; docs/adr/0011.
     """
     if arg > 0:
@@ -243,7 +243,7 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
         receivers[0] = dst
         count = 1
         _account(air, robot, slot, receivers, count, now_us)
-    # The gap before the acknowledgement counts as part of it: nobody who heard the packet could begin there.
+    # The gap before the acknowledgement counts as part of it: robots that received the packet cannot start there.
     _transmit(air, reach, queue, dst, now_us, now_us + card.SIFS_US + ack_us(air.rates), 0, 1 + robot)
     return End(count, NOBODY, 0, packet)
 
@@ -281,9 +281,9 @@ def _done(air: Air, queue: Queue, robot: int, now_us: int) -> int:
         nic.long_used = 0
         give_back(air.long, int(nic.long_row))
     nic.waiting -= 1
-    nic.head = (slot + 1) % SLOTS if nic.waiting else 0  # an empty ring begins anew, where memory is near
+    nic.head = (slot + 1) % SLOTS if nic.waiting else 0  # restart an empty ring at slot 0, whose memory is cached
     nic.tries, nic.delivered, nic.window = 0, 0, card.WINDOW_MIN
-    nic.slots = card.draw(nic)  # even with nothing to send: nobody may send twice in a row without a back-off
+    nic.slots = card.draw(nic)  # even with an empty queue: consecutive packets need a back-off
     if nic.waiting:
         _contend(nic, queue, robot, now_us)
     return robot
@@ -293,7 +293,7 @@ def _done(air: Air, queue: Queue, robot: int, now_us: int) -> int:
 def _transmit(
     air: Air, reach: Reach, queue: Queue, robot: int, now_us: int, end_us: int, answer_us: int, arg: int
 ) -> None:
-    """The robot sends from now to end_us; whoever hears it keeps quiet until then, or through the answer."""
+    """Transmit from now to end_us; robots in range defer until then, or until the end of the answer."""
     nic = air.nic[robot]
     card.hold(nic, now_us, end_us + answer_us)
     nic.own_until = end_us
@@ -307,7 +307,7 @@ def _transmit(
         due += 1
         level = card.strength(float(reach.square[at]), air.half_exponents)
         heard = card.listen(other, robot, level, air.capture, now_us, end_us)
-        # Only whoever reads the packet knows that an answer follows.
+        # Only robots that decode the packet know that an answer follows.
         card.hold(other, now_us, end_us + answer_us if heard else end_us)
     nic.due = due
     push(queue, end_us, TX_END, robot, arg)
@@ -315,7 +315,7 @@ def _transmit(
 
 @kernel
 def _contend(nic: card.Nic, queue: Queue, robot: int, now_us: int) -> None:
-    """The NIC attempts when its back-off is over, at the next boundary of a slot."""
+    """Schedule the NIC's attempt at the end of its back-off, at the next slot boundary."""
     idle_from = nic.busy_until + card.AIFS_US
     begun = (now_us - idle_from) // card.SLOT_US + 1 if now_us > idle_from else 0
     nic.attempt_at = idle_from + card.SLOT_US * max(int(nic.slots), begun)

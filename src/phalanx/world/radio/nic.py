@@ -1,4 +1,4 @@
-"""One robot's network card: what it hears, and when it may speak. The channel between them is in `radio`."""
+"""One robot's network card: carrier sense, back-off and reception. The channel between the NICs is in `channel`."""
 
 from __future__ import annotations
 
@@ -11,60 +11,60 @@ from numpy.typing import NDArray
 from phalanx.arrays import Records, layout
 from phalanx.kernel import kernel
 
-# Access as ns-3 plays it: everything in the best-effort class (AIFSN 3), slots of 9 µs, CWmin 15 and CWmax 1023.
+# Channel access as in ns-3: best-effort class only (AIFSN 3), slots of 9 µs, CWmin 15 and CWmax 1023.
 SLOT_US = 9
 SIFS_US = 16
 AIFS_US = SIFS_US + 3 * SLOT_US
 WINDOW_MIN, WINDOW_MAX = 15, 1023
-# A preamble takes 4 µs to be noticed: two that begin within that time do not know of each other.
+# Detecting a preamble takes 4 µs: packets that start within that time do not sense each other.
 SENSE_US = 4
 NEVER = -1
 _LONG_AGO = -(1 << 40)
-_STREAM = 0x4E49  # sets the radio's draws apart from whatever else comes from the same seed
+_STREAM = 0x4E49  # separates the radio's random stream from others of the same seed
 
 NIC = layout(
-    "heard_until i8",  # the last packet in range ends then, µs
-    "hears_from i8",  # the packet that it listens to: when it began,
-    "hears_until i8",  # when it ends,
-    "busy_until i8",  # the channel counts as busy until then: own frames, others', and their acknowledgements
-    "own_until i8",  # own last packet ends then
+    "heard_until i8",  # end of the last packet in range, µs
+    "hears_from i8",  # packet that it is receiving: start,
+    "hears_until i8",  # and end
+    "busy_until i8",  # end of busy channel: own and others' packets, and their acknowledgements
+    "own_until i8",  # end of its own last packet
     "attempt_at i8",  # next attempt, or NEVER
     "random u8",  # xorshift64
-    "hears i4",  # who sends it, or NOBODY,
-    "strength f8",  # and how strong it is here; 1 is a sender at one metre
-    "noise f8",  # the same, of all others since the channel was last silent
-    "slots i4",  # back-off: idle slots still to wait
+    "hears i4",  # sender of the packet that it is receiving, or NOBODY
+    "strength f8",  # power of that packet here; 1 is the power at one metre
+    "noise f8",  # power of all other packets since the channel was last silent
+    "slots i4",  # back-off: idle slots left to wait
     "window tries i4",
-    "head i4",  # of the ring of packets
+    "head i4",  # first packet in the ring
     "waiting i4",  # packets in the ring
-    "due i4",  # robots in range when the packet began
-    "long_row i4",  # of the one longer packet, where it is
-    "queued u1",  # an ATTEMPT is among the events
+    "due i4",  # robots in range at the start of the packet
+    "long_row i4",  # row of the longer packet, if any
+    "queued u1",  # an ATTEMPT is in the event queue
     "long_used u1",
-    "delivered u1",  # the addressee has it, the acknowledgement may have been lost
+    "delivered u1",  # the destination has received it; the acknowledgement may have been lost
     "off u1",
-    "pad 16u1",  # each has two lines of memory, and not parts of three
+    "pad 16u1",  # to two whole cache lines
 )
 Nic: TypeAlias = Annotated[Any, Records(NIC, 0)]
 
 
 def make_nics(robots: int, seed: int) -> NDArray[np.void]:
-    """(robots,) records of NIC: an idle channel, and each robot's own luck."""
+    """Return (robots,) records of NIC: an idle channel, and a random state for each robot."""
     nic = np.zeros(robots, NIC).view(np.recarray)
     for name in ("heard_until", "hears_until", "busy_until", "own_until"):
         nic[name] = _LONG_AGO
     nic["attempt_at"] = NEVER
     nic["window"] = WINDOW_MIN
     drawn = np.random.SeedSequence([seed, _STREAM]).generate_state(robots, np.uint64)
-    nic["random"] = drawn | np.uint64(1)  # xorshift never leaves 0
+    nic["random"] = drawn | np.uint64(1)  # xorshift would remain at 0
     return nic
 
 
 @kernel
 def listen(nic: Nic, sender: int, strong: float, capture: float, now_us: int, end_us: int) -> bool:
-    """Return whether the NIC locks onto the packet that begins; otherwise it counts as noise.
+    """Return whether the NIC locks onto a packet that starts; otherwise the packet counts as noise.
 
-    A preamble is found if it is `capture` times as strong as the noise.
+    A preamble is detected if its power exceeds `capture` times the noise.
     Source: ns-3's ThresholdPreambleDetectionModel, without packet capture; docs/adr/0011.
     """
     if nic.heard_until <= now_us:
@@ -73,7 +73,7 @@ def listen(nic: Nic, sender: int, strong: float, capture: float, now_us: int, en
     deaf = nic.own_until > now_us
     free = nic.hears_until <= now_us
     if not deaf and not free and now_us < nic.hears_from + SENSE_US and strong > nic.strength:
-        nic.noise += nic.strength  # both preambles at once: the stronger one is found
+        nic.noise += nic.strength  # simultaneous preambles: the stronger one is detected
     elif deaf or not free or strong <= capture * nic.noise:
         nic.noise += strong
         return False
@@ -83,13 +83,13 @@ def listen(nic: Nic, sender: int, strong: float, capture: float, now_us: int, en
 
 @kernel
 def received(nic: Nic, sender: int, now_us: int, capture: float, loss: float) -> bool:
-    """Return whether the NIC received the packet that ends: it was locked on it, and the noise was low enough.
+    """Return whether the NIC received the packet that ends: it was locked onto it, and the noise was low enough.
 
-    Of those packets it loses a share of `loss` by chance, its own; without a loss it asks no chance.
+    A share `loss` of those packets is lost at random, by the NIC's own state; without loss no random number is drawn.
 
     Source: docs/adr/0011.
     """
-    # The time matters too: a robot that drove out of range while it heard the sender still has its name there.
+    # Compare the time too: if the robot left the sender's range during a packet, `hears` is outdated.
     heard = nic.hears == sender and nic.hears_until == now_us and not nic.off
     if not heard or nic.strength <= capture * nic.noise:
         return False
@@ -111,7 +111,7 @@ def strength(square: float, half_exponents: int) -> float:
 
 @kernel
 def hold(nic: Nic, now_us: int, until_us: int) -> None:
-    """The idle slots so far are counted, and the NIC's attempt waits until the channel is free again.
+    """Count the idle slots so far, and postpone the NIC's attempt until the channel is free again.
 
     Source: IEEE 802.11-2020 §10.23.2.4.
     """
@@ -125,13 +125,13 @@ def hold(nic: Nic, now_us: int, until_us: int) -> None:
 
 @kernel
 def draw(nic: Nic) -> int:
-    """A back-off in slots, from the NIC's own state and its window."""
+    """Draw a back-off in slots from the NIC's random state and window."""
     return int(_step(nic) >> np.uint64(33)) & int(nic.window)
 
 
 @kernel
 def _step(nic: Nic) -> np.uint64:
-    """The NIC's next 64 random bits. Source: Marsaglia, Xorshift RNGs (2003)."""
+    """Return the NIC's next 64 random bits. Source: Marsaglia, Xorshift RNGs (2003)."""
     state: np.uint64 = nic.random
     state ^= state << np.uint64(13)
     state ^= state >> np.uint64(7)

@@ -1,12 +1,12 @@
-"""List the robots in range of each robot, by square cells as wide as the range.
+"""Neighbour lists: the robots in range of each robot, found with square cells as wide as the range.
 
-The cost is linear in robots and neighbours. Lists are symmetric, in the order of robots, and the same for the same
-positions. Everything else that asks for robots nearby (carrier sense, overlaps, contacts) goes through these lists.
+The cost is linear in robots and neighbours. Lists are symmetric, sorted by robot, and determined by the positions.
+Every other query for nearby robots (carrier sense, overlaps, contacts) uses these lists.
 
-Robots are sorted into cells only now and then: candidates are noted from a little farther than the range (the skin),
-and until somebody has gone half of that, beside what all have gone, nobody else can be in range (Verlet 1967). Who of
-them is in range is found for each robot when somebody first asks, as most robots say nothing between two looks at where
-all are.
+Robots are sorted into cells only now and then: candidates come from a little farther than the range (the skin). Until
+a robot has moved by half of the skin, apart from the common motion, no other robot can be in range (Verlet 1967).
+A robot's list is filtered from its candidates on the first query after a `rebuild`, as most robots send nothing
+in between.
 """
 
 from __future__ import annotations
@@ -22,48 +22,48 @@ from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
 END = -1
-# A swarm of this size gets room for every robot to hear every other; a larger one begins with room for 32 each.
+# Swarms up to this size have room for all pairs; a larger one initially has room for 32 neighbours each.
 SMALL_SWARM = 1024
 NEIGHBOURS = 32
-# Of the range. A wider skin means fewer sortings, and more candidates to look at each time.
+# Relative to the range. A wider skin means fewer sortings, and more candidates to filter each time.
 SKIN = 0.25
 
 
 class Reach(NamedTuple):
-    """Neighbours of each robot i: they are `ids[near[i]:in_range(reach, i)]`."""
+    """Neighbour lists: those of robot i are `ids[near[i]:in_range(reach, i)]`."""
 
-    range_m: float  # what counts as near, metres, inclusive
-    skin_m: float  # candidates are from so much farther away; 0: robots are sorted anew each time that one has moved
-    at: F64x2  # (N, 2), where robots are, metres
-    looks: I64x1  # (1,), how often they have been looked at
-    listed: I64x1  # (N,), the look at which a robot's neighbours were listed last
-    end: I64x1  # (N,), where they end
+    range_m: float  # radio range, metres, inclusive
+    skin_m: float  # extra distance of candidates; 0 sorts the robots again after every movement
+    at: F64x2  # (N, 2), current positions, metres
+    looks: I64x1  # (1,), number of calls of `rebuild`
+    listed: I64x1  # (N,), value of `looks` when a robot's list was last filtered
+    end: I64x1  # (N,), end of each robot's list
     ids: I32x1  # (room,)
-    square: F32x1  # (room,), how far each of them is, metres squared
-    cell: I64x2  # (N, 2), the cell each robot is in
-    first: I32x1  # (power of two ≥ N,), the first robot of each bucket of cells
-    after: I32x1  # (N,), the next robot of the same bucket
-    sorted_at: F64x2  # (N, 2), where robots were when candidates were noted, NaN before
+    square: F32x1  # (room,), squared distance of each neighbour, m²
+    cell: I64x2  # (N, 2), cell of each robot
+    first: I32x1  # (power of two ≥ N,), first robot of each bucket of cells
+    after: I32x1  # (N,), next robot of the same bucket
+    sorted_at: F64x2  # (N, 2), positions when candidates were collected, NaN before
     near: I64x1  # (N + 1,), candidates of robot i are maybe[near[i]:near[i + 1]]
     maybe: I32x1  # (room,)
-    least_m: F64x1  # (N,), how far the nearest of them was then; infinite if there were none
-    aisle: I32x1  # (N,), 0 where all aisles meet; robots of different aisles are never near each other
+    least_m: F64x1  # (N,), distance of the nearest candidate then; infinite without candidates
+    aisle: I32x1  # (N,), 0 is the hub; robots in different aisles are never in range of each other
 
 
 pack = bundled(Reach)
 
 
 def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: float = SKIN) -> Reach:
-    """Lists in which nobody is near anybody yet, with room for `capacity` neighbours of all robots together.
+    """Return empty lists, with room for `capacity` neighbours of all robots together.
 
-    None is room that small swarms always find enough, and large ones mostly. `skin` is a share of the range, which
-    gets room of its own.
+    The default capacity always suffices for small swarms, and usually for large ones. `skin` is relative to the range,
+    and adds room of its own.
     Raises: UsageError: no robots, or a range that is not a positive number.
     """
     if robots < 1:
-        raise UsageError(f"{robots} robots", "at least 1")
+        raise UsageError(f"{robots} robots", "use at least 1")
     if not 0 < range_m < math.inf:
-        raise UsageError(f"range is {range_m} m", "a positive number")
+        raise UsageError(f"range is {range_m} m", "use a positive number")
     if capacity is None:
         capacity = robots * (robots - 1 if robots <= SMALL_SWARM else NEIGHBOURS)
     buckets = 1 << (robots - 1).bit_length()
@@ -90,21 +90,21 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
 
 
 def set_aisles(reach: Reach, hub: int, robots: int) -> None:
-    """Let the first `hub` robots hear all in range, and each further one only them."""
+    """Put the first `hub` robots in the hub, and each further one in an aisle of its own, in range of the hub only."""
     reach.aisle[hub:robots] = np.arange(1, robots - hub + 1)
 
 
 @kernel
 def rebuild(reach: Reach, pos: F64x2) -> int:
-    """Robots are looked at: lists are those of `pos` from now on. Returns: the number of candidates of all together.
+    """Set the positions that the lists are for. Returns: the number of candidates of all robots together.
 
-    If that number is greater than `len(reach.maybe)` the lists are cut short (robots at the end have none or too few):
-    make a larger Reach, and rebuild. `pos`: (N, 2), metres, finite.
+    If that number exceeds `len(reach.maybe)` the lists are truncated (the last robots lack neighbours): make
+    a larger Reach, and rebuild. `pos`: (N, 2), metres, finite.
     """
     found = reach.near[len(pos)]
     if _has_moved(reach, pos):
         found = _sort(reach, pos, reach.range_m + reach.skin_m)
-        if found > len(reach.maybe):  # a crowd: without the skin there may be room
+        if found > len(reach.maybe):  # too crowded: there may be room without the skin
             found = _sort(reach, pos, reach.range_m)
             reach.sorted_at[:] = np.nan
     for i in range(len(pos)):
@@ -135,11 +135,11 @@ def in_range(reach: Reach, i: int) -> int:
 
 @kernel
 def _has_moved(reach: Reach, pos: F64x2) -> bool:
-    """Return whether a robot has moved so far since the candidates were noted that others may be in range.
+    """Return whether robots have moved so far since candidates were collected that others may be in range.
 
-    What all have gone together, and that all have come nearer to each other by the same share, as a flock does on its
-    way to a goal, does not count. Two that were no candidates were farther apart than range and skin: that share of
-    their distance, and what each has gone beside it, would have to make up for the skin.
+    Common translation and common contraction, as of a flock on its way to a goal, are subtracted. Robots that are not
+    candidates were farther apart than range plus skin: the contraction of that distance and each one's remaining motion
+    would have to make up for the skin.
     """
     count = len(pos)
     gone_x, gone_y, mean_x, mean_y, along, spread = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -160,7 +160,7 @@ def _has_moved(reach: Reach, pos: F64x2) -> bool:
     spread -= count * (mean_x * mean_x + mean_y * mean_y)
     share = along / spread if spread > 0.0 else 0.0
     room = 0.5 * (reach.skin_m - abs(share) * (reach.range_m + reach.skin_m))
-    if not (room >= 0.0 and abs(share) < 1.0):  # nor where there was nobody
+    if not (room >= 0.0 and abs(share) < 1.0):  # also for NaN, before the first sorting
         return True
     for i in range(count):
         x, y = reach.sorted_at[i, 0], reach.sorted_at[i, 1]
@@ -173,13 +173,13 @@ def _has_moved(reach: Reach, pos: F64x2) -> bool:
 
 @kernel
 def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
-    """Everybody's candidates within `width_m` are noted, in the order of robots; their number, or more than fit."""
+    """Collect all robots' candidates within `width_m`, sorted by robot; return their number, stored or not."""
     count = len(pos)
     mask = len(reach.first) - 1
-    width = width_m * 1.000001  # a distance that is rounded down to it must not skip a cell
+    width = width_m * 1.000001  # rounding of a distance must not skip a cell
     for bucket in range(len(reach.first)):
         reach.first[bucket] = END
-    for i in range(count - 1, -1, -1):  # backwards, so that each bucket lists its robots in order
+    for i in range(count - 1, -1, -1):  # backwards, so that each bucket is in ascending order
         reach.cell[i, 0] = math.floor(pos[i, 0] / width)
         reach.cell[i, 1] = math.floor(pos[i, 1] / width)
         reach.sorted_at[i, 0], reach.sorted_at[i, 1] = pos[i, 0], pos[i, 1]
@@ -196,7 +196,7 @@ def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
             k = int(reach.first[_bucket(x, y, mask)])
             while k != END:
                 dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
-                # Cells share buckets: a robot counts for its own cell only, or it would be listed twice.
+                # Different cells may share a bucket: check the cell, or a robot would be listed twice.
                 here = reach.cell[k, 0] == x and reach.cell[k, 1] == y
                 square = dx * dx + dy * dy
                 if here and k != i and square <= limit:
@@ -220,7 +220,7 @@ def _put_in_order(reach: Reach, begin: int, end: int, k: int) -> None:
 
 @kernel
 def walled(reach: Reach, i: int, k: int) -> bool:
-    """Return whether the two are in different aisles."""
+    """Return whether two robots are in different aisles."""
     return bool(reach.aisle[i] != reach.aisle[k] and reach.aisle[i] != 0 and reach.aisle[k] != 0)
 
 

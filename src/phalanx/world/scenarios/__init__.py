@@ -1,1 +1,1 @@
-"""Seeded runs of scenarios: advanced, recorded, shown as lines for a page, summed up as arrays."""
+"""Seeded runs of scenarios: advance, record, stream to a page, and summarise as arrays."""

@@ -1,4 +1,4 @@
-"""A scenario from its beginning to its end, watched and recorded on the way."""
+"""Run a scenario from beginning to end, with callbacks and an optional recording."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from phalanx.world.signals import handled_by
 
 from .run import Run
 
-# As often as the robots act.
+# The robots' control period.
 STEP_S = 0.25
-# Told at once, and by no file object: a signal may come in the middle of its writing.
+# Written directly to the file descriptor, because a signal may interrupt a write of the file object.
 STOPPING = b"\nphalanx: stopping after this step; Ctrl-C again ends it at once\n"
-TINY = 1e-9  # a step is not followed by one of nothing because 0.3 / 0.1 is more than 3
+TINY = 1e-9  # avoids an empty last step because of rounding, as in 0.3 / 0.1 > 3
 
 
 @contextlib.contextmanager
 def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
-    """Ctrl-C and SIGTERM wait for the function given, which then raises KeyboardInterrupt; a second comes at once.
+    """Defer Ctrl-C and SIGTERM until the yielded function is called, which raises KeyboardInterrupt.
 
-    So a step is recorded whole. Outside the main thread, which alone receives signals, nothing changes.
+    A second signal takes effect at once. Each step is recorded completely. Outside the main thread, which alone gets
+    signals, this does nothing.
     """
     waiting: list[int] = []
 
@@ -58,14 +59,14 @@ def play(
     plain: bool = False,
     on_start: Callable[[Run], None] = lambda _run: None,
 ) -> Run:
-    """The run, at the end of the scenario.
+    """Run the scenario to its end, and return the run.
 
     Args:
         record: MCAP file to write, or None.
-        on_step: called each `step_s` from 0 on, and at the end; what it raises ends the run, the recording complete.
-        controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
-        step_s: between two steps, simulated seconds.
-        planner: who advises robots that a guard drives; None for `ToGoal`.
+        on_step: called each `step_s` from 0 on, and at the end; an exception ends the run, with a complete recording.
+        controller: a user's own, made from each robot's id; None for the scenario's bundled one.
+        step_s: simulated seconds between two steps.
+        planner: adviser of guarded robots; None for `ToGoal`.
         plain: as for `Run`.
         on_start: called once, before the first step.
     Raises: UsageError, Unavailable: the recording cannot be written.
@@ -76,7 +77,7 @@ def play(
         check = stack.enter_context(ctrl_c_between_steps())
         recording = None
         if record:
-            from .recording import Recording  # noqa: PLC0415 - its formats take as long to load as a small swarm to run
+            from .recording import Recording  # noqa: PLC0415 - slow to import
 
             recording = stack.enter_context(Recording(record, scenario))
         for k in range(math.ceil(scenario.duration_s / step_s - TINY) + 1):

@@ -1,9 +1,9 @@
-"""A run as MCAP, which opens in Foxglove: where everybody is, every verdict, every shield.
+"""Record a run as MCAP for Foxglove: positions, verdicts of audits, and tokens of each robot.
 
-/scene    foxglove.SceneUpdate      goal and obstacles, and each robot in the colour of what it is
+/scene    foxglove.SceneUpdate      goal and obstacles, and each robot in the colour of its state
 /tf       foxglove.FrameTransforms  world → robot-1 …, x forward
-/log      foxglove.Log              verdicts of audits, and who went into Safe Mode
-/shields  JSON                      of each robot, the tokens that keep it alive
+/log      foxglove.Log              verdicts of audits, and robots entering Safe Mode
+/shields  JSON                      for each robot, the valid tokens that it holds
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from phalanx.scenarios.scenario import Scenario
 
 from .run import Run
 
-# Okabe and Ito's: told apart by every kind of eye. Honest, compromised, stopped, the goal, an obstacle.
+# Okabe and Ito's palette, for colour-blind readers: honest, compromised, stopped, goal, obstacle.
 HONEST, LIAR, STOPPED, GOAL, WALL = (
     Color(r=red / 255, g=green / 255, b=blue / 255, a=alpha)
     for red, green, blue, alpha in (
@@ -61,7 +61,7 @@ SHIELDS_SCHEMA = {
 
 
 class Recording(Recorder):
-    """A scenario's run, as it goes on."""
+    """Recording of a scenario's run, written during the run."""
 
     def __init__(self, path: Path, scenario: Scenario) -> None:
         super().__init__(path)
@@ -78,21 +78,21 @@ class Recording(Recorder):
     def about(self) -> dict[str, str]:
         """Return the metadata of the whole run."""
         scenario, bti = self._scenario, self._scenario.bti
-        words = {"name": scenario.name, "seed": scenario.seed, "defence": scenario.defence}
-        words |= {"duration_s": scenario.duration_s, "tokens_needed": bti.tokens_needed, "t_val_ms": bti.t_val_ms}
-        return {key: str(value) for key, value in words.items()}
+        metadata = {"name": scenario.name, "seed": scenario.seed, "defence": scenario.defence}
+        metadata |= {"duration_s": scenario.duration_s, "tokens_needed": bti.tokens_needed, "t_val_ms": bti.t_val_ms}
+        return {key: str(value) for key, value in metadata.items()}
 
     def write(self, run: Run, verdicts: list[tuple[float, int, int, Refusal]]) -> None:
-        """The run as it is now, and the verdicts since the last time. Raises: Unavailable: the disk is full."""
+        """Write the run's current state, and verdicts since the last call. Raises: Unavailable: the disk is full."""
         now_ns = round(run.now_s * NS)
         safe = run.in_safe_mode
         shields = run.shields()
         for t_s, auditor, auditee, refusal in verdicts:
-            said = f"refuses a token to robot {auditee}: {refusal.name.lower().replace('_', ' ')}"
+            message = f"refuses a token to robot {auditee}: {refusal.name.lower().replace('_', ' ')}"
             if refusal == Refusal.NONE:
-                said = f"gives a token to robot {auditee}"
+                message = f"gives a token to robot {auditee}"
             level = Log.DEBUG if refusal == Refusal.NONE else Log.WARNING
-            self.log(round(t_s * NS), level, f"robot-{auditor}", said)
+            self.log(round(t_s * NS), level, f"robot-{auditor}", message)
         for rob_id in run.ids[safe].tolist():
             if rob_id not in self._stopped:
                 self._stopped.add(rob_id)
@@ -130,13 +130,13 @@ class Recording(Recorder):
         for i, (rob_id, (x_m, y_m)) in enumerate(zip(run.ids.tolist(), run.positions_m.tolist(), strict=True)):
             colour = STOPPED if safe[i] else LIAR if rob_id in compromised else HONEST
             tokens = ", ".join(f"{auditor} ({left_s:.1f} s)" for auditor, left_s in shields[i])
-            said = {"attack": compromised.get(rob_id, ""), "safe mode": "yes" if safe[i] else "no", "tokens": tokens}
+            details = {"attack": compromised.get(rob_id, ""), "safe mode": "yes" if safe[i] else "no", "tokens": tokens}
             update.entities.append(
                 SceneEntity(
                     timestamp=time_of(now_ns),
                     frame_id=WORLD,
                     id=f"robot-{rob_id}",
-                    metadata=[KeyValuePair(key=key, value=value) for key, value in said.items()],
+                    metadata=[KeyValuePair(key=key, value=value) for key, value in details.items()],
                     cylinders=[cylinder(x_m, y_m, size_m, size_m / 2, colour)],
                     texts=[
                         TextPrimitive(
@@ -156,7 +156,7 @@ class Recording(Recorder):
         for i, (rob_id, (x_m, y_m), (vx_mps, vy_mps)) in enumerate(
             zip(run.ids.tolist(), run.positions_m.tolist(), run.velocities_mps.tolist(), strict=True)
         ):
-            if vx_mps or vy_mps:  # who stands looks where it last went
+            if vx_mps or vy_mps:  # a standing robot keeps its last heading
                 self._heading_rad[i] = math.atan2(vy_mps, vx_mps)
             transforms.append(frame(now_ns, f"robot-{rob_id}", x_m, y_m, self._heading_rad[i]))
         return FrameTransforms(transforms=transforms)

@@ -1,4 +1,4 @@
-"""Collect a scenario's results over several seeds, as arrays, tables and files."""
+"""Results of a scenario over several seeds, as arrays and tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from phalanx.scenarios.scenario import Scenario
 
 Table = Literal["robots", "verdicts", "runs"]
 VERDICT = np.dtype([("seed", "i8"), ("time_s", "f8"), ("auditor", "i4"), ("auditee", "i4"), ("refusal", "i4")])
-# Of a summary, what is no number of the run as a whole.
+# Entries of a summary that are not a single value of the run.
 SERIES = (
     "distance_series",
     "compromised",
@@ -26,20 +26,20 @@ SERIES = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """S runs of a scenario, N robots, looked at T times. All arrays are the caller's own.
+    """S runs of a scenario with N robots, sampled T times. The arrays are not shared.
 
     Args:
-        scenario: what ran; its seed is the first run's.
+        scenario: its seed is the first run's.
         seeds: (S,) int64.
         ids: (N,) int64, of robots.
         times_s: (T,) float64, from 0, simulated seconds.
         positions_m: (S, T, N, 2) float64, world frame.
         velocities_mps: (S, T, N, 2) float64, world frame.
         in_safe_mode: (S, T, N) bool.
-        compromised: (S, N) bool, whose robot it is that lies at some time: with another seed another may be drawn.
-        verdicts: (V,) VERDICT, each audit that ended, in the order of runs and then of time: ids of auditor and
-            auditee, and why it got no token as a number of `phalanx.bti.refusal.Refusal`, 0 if it got one.
-        summaries: (S,), what `phalanx sim run --json` prints of each run.
+        compromised: (S, N) bool, robots that are compromised at some time; each seed may draw others.
+        verdicts: (V,) VERDICT, each completed audit, by run and time: ids of auditor and auditee, and
+            the refusal as a number of `phalanx.bti.refusal.Refusal`, 0 for a token.
+        summaries: (S,), summary of each run, as printed by `phalanx sim run --json`.
     """
 
     scenario: Scenario
@@ -58,11 +58,11 @@ class Result:
         return f"<Result of {self.scenario.name or 'a scenario'}: {runs} runs, {times} times, {robots} robots>"
 
     def columns(self, table: Table = "robots") -> dict[str, Any]:
-        """Return the columns of a table, one thing a row; `phalanx.lab.tables` makes it a `pandas.DataFrame`.
+        """Return a table by column; `phalanx.lab.tables` converts it to a `pandas.DataFrame`.
 
         Args:
             table: robots: seed, time_s, robot, x_m, y_m, vx_mps, vy_mps, in_safe_mode, compromised; verdicts: as
-                `verdicts`, the refusal by name; runs: of each summary, what is one number or text.
+                `verdicts`, with the refusal by name; runs: the single values of each summary.
         Raises: UsageError: no such table.
         """
         if table == "verdicts":
@@ -71,11 +71,11 @@ class Result:
             return columns | {"refusal": [names[number] for number in self.verdicts["refusal"].tolist()]}
         if table == "runs":
             one = {key for key in self.summaries[0] if key not in SERIES}
-            return {key: [_shown(told[key]) for told in self.summaries] for key in self.summaries[0] if key in one} | {
-                "compromised": [_shown([liar["robot"] for liar in told["compromised"]]) for told in self.summaries]
+            return {key: [_shown(run[key]) for run in self.summaries] for key in self.summaries[0] if key in one} | {
+                "compromised": [_shown([liar["robot"] for liar in run["compromised"]]) for run in self.summaries]
             }
         if table != "robots":
-            raise UsageError(f"no table {table!r}", "robots, verdicts or runs")
+            raise UsageError(f"no table {table!r}", "use robots, verdicts or runs")
         runs, times, robots = self.in_safe_mode.shape
         shape = self.in_safe_mode.shape
         return {
@@ -92,5 +92,5 @@ class Result:
 
 
 def _shown(value: Any) -> Any:
-    """A list of robots as text, which every table takes."""
+    """Return a list of robots as text, for tables that cannot hold lists."""
     return " ".join(map(str, value)) if isinstance(value, list) else value

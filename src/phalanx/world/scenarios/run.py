@@ -1,4 +1,4 @@
-"""One seeded run of a scenario: make it, advance it, watch it, and sum it up."""
+"""One seeded run of a scenario: create, advance, observe and summarise it."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class Run:
 
     Args:
         scenario: the scenario to run.
-        controller: makes a researcher's controller from a robot's id; None for the scenario's.
+        controller: makes a user's controller from a robot's id; None for the scenario's.
         planner: makes the planner of a guarded robot from its id and the goal; None for `ToGoal`.
-        plain: compute everything in one simple way, with the firmware's C where possible: a reference run.
-        make_nodes: makes the robots' trusted nodes, if they are elsewhere.
-    Raises: UsageError: a planner for robots without a guard. Unavailable: so many robots do not fit into memory.
+        plain: use the simplest computation everywhere, with the firmware's C where possible, as a reference for tests.
+        make_nodes: makes the robots' trusted nodes, if they run outside this process.
+    Raises: UsageError: a planner for robots without a guard. Unavailable: not enough memory for the robots.
     Source: docs/spec/world.md.
     """
 
@@ -64,7 +64,7 @@ class Run:
         plain: bool = False,
         make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
     ) -> None:
-        if not self.has_station:  # planners in a simulation sign nothing
+        if not self.has_station:  # simulated planners do not sign advice
             scenario = replace(scenario, guard=replace(scenario.guard, adviser_key=""))
         scenario, controller, self.stage = on_stage(scenario, controller)
         self.scenario = scenario = with_room(scenario, controller)
@@ -74,7 +74,7 @@ class Run:
         drawn = scenario.drawn_attacks()
         bundled = driving(scenario)
         if scenario.controller not in in_scenarios() and not self.has_station:
-            raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
+            raise UsageError(f"{scenario.controller} waits for orders, which scenarios lack", "use another controller")
         make_planner = adviser(scenario, controller, planner)
         setup = Setup(
             robots=n,
@@ -97,7 +97,7 @@ class Run:
         try:
             self.world = make_world(setup, chance)
         except MemoryError as error:
-            raise Unavailable(f"{n} robots do not fit into memory", "fewer robots, or a smaller n_max") from error
+            raise Unavailable(f"{n} robots do not fit into memory", "use fewer robots, or a smaller n_max") from error
         self.looks: pybot.Looks | None = self.stage
         self.sense(getattr(controller, "senses", None))
         self._verdicts = VerdictReader(self.world)
@@ -121,12 +121,12 @@ class Run:
         start(self.world, self.robots)
 
     def sense(self, senses: Senses | None) -> None:
-        """Give all robots these senses, if any."""
+        """Equip all robots with these sensors, if any."""
         if senses:
             self.looks = Around(self.world, senses, self.scenario.contact_m)
 
     def trace(self, rob_id: int, echo: Callable[[str], None]) -> None:
-        """Print a robot's events and actions from now on, a line each.
+        """Print a robot's events and actions from now on, one line each.
 
         Raises: UsageError: no such robot.
         """
@@ -148,7 +148,7 @@ class Run:
     def advance(self, until_s: float) -> None:
         """Advance the world to `until_s`.
 
-        Raises: UsageError: too many robots crowd together. Unavailable: trusted nodes that are elsewhere failed.
+        Raises: UsageError: too many robots in range of each other. Unavailable: external trusted nodes failed.
         """
         began = time.perf_counter()
         until_us = round(until_s * 1e6)
@@ -159,11 +159,11 @@ class Run:
             raise_failed()
             if target_us == (self._sampled_s + 1) * 1_000_000:
                 self._sample()
-        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        assert refused(self.world.queue) == 0, "the event queue overflowed"
         if self.world.clock[0].crowded:
             raise UsageError(
-                f"robots crowd together: more than {len(self.world.reach.maybe) // len(self.ids)} in range of each",
-                "a wider spacing, fewer robots, or a greater n_max",
+                f"too crowded: more than {len(self.world.reach.maybe) // len(self.ids)} in range of each",
+                "use a wider spacing, fewer robots, or a greater n_max",
             )
         self._wall_s += time.perf_counter() - began
 
@@ -179,7 +179,7 @@ class Run:
         distance = np.sqrt(((self.world.pos - np.array(self.scenario.goal_m)) ** 2).sum(axis=1))
         return float(distance[correct].mean()) if correct.any() else None
 
-    # --- watching -----------------------------------------------------------------------------------------------------
+    # --- observation --------------------------------------------------------------------------------------------------
 
     @property
     def _correct(self) -> NDArray[np.bool_]:
@@ -190,7 +190,7 @@ class Run:
 
     @property
     def positions_m(self) -> NDArray[np.float64]:
-        """Return positions, (N, 2), m, world frame. A copy, as all arrays here: it does not change with the world."""
+        """Return positions, (N, 2), m, world frame. Like all arrays here it is a copy."""
         return self.world.pos.copy()
 
     @property
@@ -200,22 +200,22 @@ class Run:
 
     @property
     def airtime_s(self) -> NDArray[np.float64]:
-        """Return for how long each robot has sent, (N,), s; a copy."""
+        """Return the airtime used by each robot, (N,), s; a copy."""
         used: NDArray[np.float64] = self.world.air.counts[: len(self.ids), :, AIRTIME_US].sum(axis=1) / 1e6
         return used
 
     @property
     def in_safe_mode(self) -> NDArray[np.bool_]:
-        """Return which robots are in Safe Mode, (N,); a copy."""
+        """Return the Safe Mode flags, (N,); a copy."""
         return self.world.safe.astype(bool)
 
     @property
     def compromised(self) -> dict[int, str]:
-        """Return the names of the attacks, by robot id."""
+        """Return the attack of each compromised robot, by robot id."""
         return {i + 1: robot.attack.name for i, robot in self.robots.items() if isinstance(robot, Liar)}
 
     def shields(self) -> list[list[tuple[int, float]]]:
-        """Return for each robot the ids that vouch for it, with the seconds left, longest first. Source: §3.5."""
+        """Return for each robot the auditors whose tokens it holds, with seconds left, longest first. Source: §3.5."""
         return [shields(self.world, i) for i in range(len(self.ids))]
 
     def new_verdicts(self) -> list[Verdict]:
@@ -223,14 +223,14 @@ class Run:
         return self._verdicts.new()
 
     def summary(self) -> dict[str, Any]:
-        """Return what `phalanx sim run --json` prints. Source: RoboRebound §5.2, §5.3."""
+        """Return the summary that `phalanx sim run --json` prints. Source: RoboRebound §5.2, §5.3."""
         world, counts = self.world, self.world.air.counts
         n, seconds = len(self.ids), max(self.now_s, 1e-9)
         alone = self._quorum.stopped_without()
         wronged = self._correct & self.in_safe_mode & ~alone
 
         def each(count: NDArray[np.int64]) -> dict[str, float]:
-            """Return a robot's mean in a second, of the flock's packets and of audits'."""
+            """Return the mean per robot and second, for the application's and for audit packets."""
             kinds = {"app": APP_BROADCAST, "audit": AUDIT_BROADCAST}
             return {name: float(count[:, first : first + 2].sum()) / n / seconds for name, first in kinds.items()}
 
@@ -272,5 +272,5 @@ class Run:
 
 
 def _known(share: float) -> float | None:
-    """Return a share, or None for NaN, which JSON does not have."""
+    """Return a share, or None for NaN, which JSON cannot represent."""
     return None if math.isnan(share) else share

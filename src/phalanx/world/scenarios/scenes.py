@@ -1,7 +1,7 @@
-"""A run as lines that a page plays: what a recording says, step by step, whether it is a file or goes on just now.
+"""Convert a run into lines for a page that plays it, from a recording or live.
 
-Each line is an object. The first has the run's name and what a token is worth; each other a moment `t`, s: where
-robots are, what shields they have, who lies, audits that ended, what happened; and of the ground what is new.
+Each line is an object. The first has the run's metadata. Each other one is a time `t`, s, with positions, tokens,
+compromised robots, completed audits and events; and with additions to the map.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from phalanx.scenarios.scenario import Scenario
 from .recording import Recording
 
 log = logging.getLogger(__name__)
-HINT = "phalanx sim run SCENARIO --record FILE.mcap makes one"
-GRAIN_S = 0.1  # of missions each step is recorded: many a second
-MOST_TOLD = 2_500_000  # places, shields, tokens, audits: what a browser keeps without effort; 25 robots for an hour
+HINT = "create one with phalanx sim run SCENARIO --record FILE.mcap"
+GRAIN_S = 0.1  # least time between lines; recordings of missions have many steps per second
+MOST_TOLD = 2_500_000  # positions, tokens, audits: a browser's limit; 25 robots for an hour
 FARTHEST_M = 1e6
-LONGEST = 120  # of a text
-MOST_DRAWN = 100_000  # things of a message: two bytes may be a disc, and a disc CORNERS walls
-CORNERS = 16  # of a disc, as walls
+LONGEST = 120  # length of a text
+MOST_DRAWN = 100_000  # objects per message: two bytes may encode a disc, and a disc gives CORNERS walls
+CORNERS = 16  # walls that approximate a disc
 ABOUT = ("name", "seed", "defence", "duration_s", "tokens_needed", "t_val_ms")
 _ROBOT = re.compile(r"robot-(\d{1,6})", re.ASCII)
 _VERDICT = re.compile(r"(?:gives|refuses) a token to robot (\d{1,6})(?:: (.*))?", re.ASCII | re.DOTALL)
@@ -39,32 +39,32 @@ Line = dict[str, Any]
 
 
 def lines_of(path: Path) -> list[Line]:
-    """A recording's lines, as many as a page keeps.
+    """Return a recording's lines, up to a page's limit.
 
-    Raises: UsageError: it is no recording, or none of robots that have places. Unavailable: it cannot be read.
+    Raises: UsageError: not a recording, or one without robots' positions. Unavailable: it cannot be read.
     """
     lines: list[Line] = []
     scenes = Scenes(lines.append)
     try:
-        for said in read_recording(path, HINT):
-            if said.topic == CUT_SHORT:
-                log.warning("%s was cut short: it is shown up to there", path)
-            scenes.take(said)
+        for entry in read_recording(path, HINT):
+            if entry.topic == CUT_SHORT:
+                log.warning("%s is truncated: only the first part is shown", path)
+            scenes.take(entry)
             if scenes.told > MOST_TOLD:
-                log.warning("%s is longer than a page keeps: the end is left out", path)
+                log.warning("%s exceeds a page's limit: the end is not shown", path)
                 break
         scenes.close()
     except PhalanxError:
         raise
-    except Exception as error:  # a place that is none, a text for a number
-        raise UsageError(f"{path} is not as phalanx writes recordings", HINT) from error
+    except Exception as error:  # an invalid position, a text for a number
+        raise UsageError(f"{path} is not a recording of phalanx", HINT) from error
     if scenes.t_s is None:
-        raise UsageError(f"{path} has no robots' places", HINT)
+        raise UsageError(f"{path} has no positions of robots", HINT)
     return lines
 
 
 class Live(Recording):
-    """Live stream of the scene that a recording of the run would hold."""
+    """Live stream of the lines that a recording of the run would give."""
 
     def __init__(self, scenario: Scenario, put: Callable[[Line], None]) -> None:
         super().__init__(Path(), scenario)
@@ -73,54 +73,54 @@ class Live(Recording):
         self.put("/scene", 0, self._ground())
 
     def put(self, topic: str, t_ns: int, message: Any) -> None:
-        """A message."""
+        """Process a message like one of a recording."""
         self._scenes.take(Said(topic, t_ns, message))
 
     def end(self) -> None:
-        """Nothing more comes."""
+        """Finish the last line."""
         self._scenes.close()
 
 
 class Scenes:
-    """Makes lines of messages, and puts each line where it is told. What it raises says that they are not as ours."""
+    """Converter of recorded messages into lines, passed to `put`. Invalid messages raise various exceptions."""
 
     def __init__(self, put: Callable[[Line], None]) -> None:
-        self.told = 0  # so much so far
-        self.t_s: float | None = None  # of the step that is being told
+        self.told = 0  # size of the lines so far, for MOST_TOLD
+        self.t_s: float | None = None  # time of the current line
         self._put = put
-        self._about = False  # it was told
+        self._about = False  # the metadata were sent
         self._at: dict[int, tuple[int, int, int]] = {}  # x mm, y mm, heading in degrees
         self._lies: dict[int, str] = {}
         self._step: Line = {}
 
-    def take(self, said: Said) -> None:
-        """The next message."""
-        match said.topic:
+    def take(self, entry: Said) -> None:
+        """Process the next message."""
+        match entry.topic:
             case "metadata scenario" if not self._about:
                 self._about = True
-                self._put({"about": {key: str(said.words[key])[:LONGEST] for key in ABOUT if key in said.words}})
+                self._put({"about": {key: str(entry.words[key])[:LONGEST] for key in ABOUT if key in entry.words}})
             case "/tf":
-                self._move(said.t_ns / NS, said.words.transforms)
+                self._move(entry.t_ns / NS, entry.words.transforms)
             case "/scene":
                 drawn = [
-                    (each.cylinders, each.cubes, *(line.points for line in each.lines)) for each in said.words.entities
+                    (each.cylinders, each.cubes, *(line.points for line in each.lines)) for each in entry.words.entities
                 ]
                 if sum(len(things) for each in drawn for things in each) > MOST_DRAWN:
                     raise ValueError(MOST_DRAWN)
-                for entity in said.words.entities:
+                for entity in entry.words.entities:
                     self._draw(entity)
             case "/shields":
                 self._step.pop("shields", None)
-                shields = [_shield(each) for each in said.words["robots"]]
+                shields = [_shield(each) for each in entry.words["robots"]]
                 self._add("shields", shields)
                 self.told += sum(len(tokens) for *_, tokens in shields)
             case "/log":
-                self._say(said.t_ns / NS, said.words)
+                self._log(entry.t_ns / NS, entry.words)
 
     def close(self) -> None:
-        """The step that was begun is over."""
+        """Finish the current line."""
         if self.t_s is None:
-            return  # what came before the first step is in it
+            return  # earlier messages belong to the first line
         at = [[rob_id, *place] for rob_id, place in self._at.items()]
         self.told += len(at) + len(self._lies)
         self._put({"t": self.t_s, "at": at, "lies": list(self._lies.items()), **self._step})
@@ -162,7 +162,7 @@ class Scenes:
         self._add("marks", [[_mm(x), _mm(y)] for x, y, _ in marks])
         self._add("walls", [[_mm(each) for each in wall] for wall in walls])
 
-    def _say(self, t_s: float, entry: Log) -> None:
+    def _log(self, t_s: float, entry: Log) -> None:
         name = _ROBOT.fullmatch(entry.name)
         if not name:
             return
@@ -172,9 +172,9 @@ class Scenes:
             self._add("events", [[t_s, int(name[1]), entry.message[:LONGEST]]])
 
 
-def _shield(words: Any) -> list[Any]:
-    tokens = [[int(each["auditor"]), _within(each["left_s"], FARTHEST_M)] for each in words["tokens"]]
-    return [int(words["id"]), bool(words["safe_mode"]), tokens]
+def _shield(robot: Any) -> list[Any]:
+    tokens = [[int(each["auditor"]), _within(each["left_s"], FARTHEST_M)] for each in robot["tokens"]]
+    return [int(robot["id"]), bool(robot["safe_mode"]), tokens]
 
 
 def _mm(length_m: float) -> int:

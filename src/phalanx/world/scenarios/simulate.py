@@ -1,4 +1,4 @@
-"""`simulate`: a scenario under one seed or many, here or on several processors, as arrays."""
+"""`simulate`: run a scenario with one or more seeds in one or more processes, and return arrays."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .play import STEP_S, play
 from .result import VERDICT, Result
 from .run import Run
 
-# Between two looks at what other processes have done, seconds.
+# Period of progress reports from other processes, seconds.
 LOOK_S = 0.1
 OneAttack = str | AttackSpec | Attack | type[Liar]
 
@@ -48,7 +48,7 @@ class _Job:
 
     @property
     def looks(self) -> int:
-        """How often a run is looked at."""
+        """Return the number of samples of a run."""
         return math.floor(self.scenario.duration_s / self.every_s + 1e-9) + 1
 
 
@@ -64,28 +64,28 @@ def simulate(
     record: str | Path | None = None,
     on_progress: Callable[[float], None] = lambda _share: None,
 ) -> Result:
-    """All runs of a scenario, from beginning to end.
+    """Run a scenario from beginning to end, once for each seed.
 
     The same scenario, seed and controller give the same numbers, whatever `every_s` and `workers` are. Ctrl-C ends all
-    of it, in every process, between two steps; recordings are whole until then.
+    processes between two steps; recordings are complete up to there.
 
     Args:
-        scenario: itself, the name of a built-in one, or a YAML file.
-        controller: a class derived from `Controller`, or whatever makes one for a robot's id; "file.py:Class";
-            "file.py" with kernels; or the name of a bundled one. None for the scenario's.
-        planner: who advises robots that the controller `guard` drives: a class derived from `Planner`, or whatever
-            makes one of a robot's id and the goal; or "file.py:Class". None for one that goes straight to the goal.
-        attacks: one or several, instead of the scenario's own: `AttackSpec`s; what `phalanx sim run --attack` takes; or
-            classes that derive from `Liar`, or their records. () or "none" for nobody who lies.
-        seeds: one run each; None for the scenario's own.
-        every_s: simulated seconds between two looks; the first is at 0, the last not after the scenario's end.
-        workers: processes at a time. With more than one they are forked: what the controller reads besides its inputs
-            is what it was when `simulate` was called.
-        record: MCAP file to write; with several seeds its name has {seed} in it.
-        on_progress: called now and then with the share of the work that is done, 0 to 1.
-    Raises: UsageError: something of it is not as said. Unavailable: memory or disk are full, a file cannot be read.
-        What the controller raises ends it too.
-    Warns: before a run whose robots cannot have a quorum, or whose audits will fill the radio channel.
+        scenario: a scenario, the name of a built-in one, or a YAML file.
+        controller: a class derived from `Controller`, or a factory that takes a robot's id; "file.py:Class"; "file.py"
+            with kernels; or the name of a bundled one. None for the scenario's.
+        planner: adviser of robots with the controller `guard`: a class derived from `Planner`, or a factory that takes
+            a robot's id and the goal; or "file.py:Class". None for one that goes straight to the goal.
+        attacks: one or several that replace the scenario's own: `AttackSpec`s; texts as for `phalanx sim run --attack`;
+            classes derived from `Liar`, or their records. () or "none" for no attack.
+        seeds: one run for each; None for the scenario's own.
+        every_s: simulated seconds between samples; the first is at 0, the last not after the scenario's end.
+        workers: number of processes. More than one are forked: globals that the controller reads have the values
+            at the call of `simulate`.
+        record: MCAP file to write; with several seeds the name must contain {seed}.
+        on_progress: receives the completed share of the work, 0 to 1.
+    Raises: UsageError: an invalid argument. Unavailable: no memory or disk left, or a file cannot be read. Exceptions
+        of the controller are passed on.
+    Warns: before a run whose robots cannot have a quorum, or whose audits will saturate the radio channel.
     """
     _check_kinds(scenario, controller, planner, every_s, workers)
     chosen = scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
@@ -96,15 +96,15 @@ def simulate(
     numbers = _numbers(seeds, chosen.seed)
     chosen = replace(chosen, seed=numbers[0])
     if not 0.001 <= every_s <= chosen.duration_s:
-        raise UsageError(f"every_s is {every_s:g}", f"0.001 to the scenario's {chosen.duration_s:g}")
+        raise UsageError(f"every_s is {every_s:g}", f"use 0.001 to the scenario's {chosen.duration_s:g}")
     if workers < 1:
-        raise UsageError(f"{workers} workers", "1 or more")
+        raise UsageError(f"{workers} workers", "use 1 or more")
     if record is not None and len(numbers) > 1 and "{seed}" not in str(record):
-        raise UsageError(f"one file {record} for {len(numbers)} runs", "a name with {seed} in it")
+        raise UsageError(f"one file {record} for {len(numbers)} runs", "use a name with {seed} in it")
     if isinstance(controller, str):
         chosen, controller = find_controller(controller, chosen)
-    for words in cautions(chosen):
-        warnings.warn(words, stacklevel=2)
+    for caution in cautions(chosen):
+        warnings.warn(caution, stacklevel=2)
     advises = find_planner(planner)
     job = _Job(chosen, controller, advises, numbers, float(every_s), None if record is None else str(record))
     workers = min(workers, len(numbers))
@@ -115,22 +115,22 @@ def _numbers(seeds: Iterable[int] | int | None, own: int) -> tuple[int, ...]:
     try:
         numbers = (own,) if seeds is None else (seeds,) if isinstance(seeds, int) else tuple(map(index, seeds))
     except (TypeError, ValueError) as error:
-        raise UsageError(f"seeds is {seeds!r}", "whole numbers, for example range(20)") from error
+        raise UsageError(f"seeds is {seeds!r}", "use whole numbers, for example range(20)") from error
     if not numbers:
-        raise UsageError("no seeds", "at least one, for example range(20)")
+        raise UsageError("no seeds", "use at least one, for example range(20)")
     if len(set(numbers)) < len(numbers):
-        raise UsageError(f"seeds is {seeds!r}", "each once: the same seed gives the same run")
+        raise UsageError(f"seeds is {seeds!r}", "list each seed once: the same seed gives the same run")
     return numbers
 
 
 def _check_kinds(scenario: object, controller: object, planner: object, every_s: object, workers: object) -> None:
     can_make = [each is None or isinstance(each, str) or callable(each) for each in (controller, planner)]
     for name, given, right, hint in (
-        ("scenario", scenario, isinstance(scenario, Scenario | str | Path), "a Scenario, or the name of one"),
-        ("controller", controller, can_make[0], "a class"),
-        ("planner", planner, can_make[1], "a class"),
-        ("every_s", every_s, isinstance(every_s, Real), "seconds"),
-        ("workers", workers, isinstance(workers, Integral), "a whole number"),
+        ("scenario", scenario, isinstance(scenario, Scenario | str | Path), "use a Scenario, or the name of one"),
+        ("controller", controller, can_make[0], "use a class"),
+        ("planner", planner, can_make[1], "use a class"),
+        ("every_s", every_s, isinstance(every_s, Real), "use seconds"),
+        ("workers", workers, isinstance(workers, Integral), "use a whole number"),
     ):
         if not right:
             raise UsageError(f"{name} is {given!r}", hint)
@@ -145,13 +145,13 @@ def _here(job: _Job, on_progress: Callable[[float], None]) -> list[dict[str, Any
 
 
 def _one(job: _Job, seed: int, on_share: Callable[[float], None]) -> dict[str, Any]:
-    """Run once and return arrays (T, …), verdicts and the summary."""
+    """Run one seed; return arrays (T, …), verdicts and the summary."""
     scenario = replace(job.scenario, seed=seed)
-    apart = math.ceil(job.every_s / STEP_S)  # steps from look to look
+    apart = math.ceil(job.every_s / STEP_S)  # steps per sample
     seen: dict[str, list[Any]] = {"positions_m": [], "velocities_mps": [], "in_safe_mode": []}
     verdicts: list[tuple[int, float, int, int, int]] = []
     steps = 0
-    reader: VerdictReader | None = None  # of its own: a recording reads the run's
+    reader: VerdictReader | None = None  # separate, because a recording reads the run's
 
     def on_step(run: Run) -> None:
         nonlocal steps, reader
@@ -187,18 +187,18 @@ def _joined(job: _Job, runs: list[dict[str, Any]]) -> Result:
 
 # --- several processes ------------------------------------------------------------------------------------------------
 
-# Of a forked process: what it was forked for, how far each run is, and whether all are to end.
-_forked_for: list[Any] = []
+# In a forked process: the job, each run's progress, and the event that ends all.
+_shared: list[Any] = []
 
 
 def _begin(job: _Job, shares: Any, ends: Any) -> None:
-    # Ctrl-C is for whoever called, who then says so to all.
+    # Ctrl-C is handled by the parent, which sets the event.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _forked_for[:] = job, shares, ends
+    _shared[:] = job, shares, ends
 
 
 def _nth(k: int) -> dict[str, Any]:
-    job, shares, ends = _forked_for
+    job, shares, ends = _shared
 
     def on_share(share: float) -> None:
         if ends.is_set():
@@ -209,10 +209,10 @@ def _nth(k: int) -> dict[str, Any]:
 
 
 def _forked(job: _Job, workers: int, on_progress: Callable[[float], None]) -> list[dict[str, Any]]:
-    # Forked, and not begun anew: a class from a notebook has no module that another process could import.
+    # Forked, not spawned: a class from a notebook has no module that another process could import.
     context = multiprocessing.get_context("fork")
     shares, ends = context.Array("d", len(job.seeds), lock=False), context.Event()
-    Run(job.scenario, job.controller, job.planner)  # refuses here and once what can be refused
+    Run(job.scenario, job.controller, job.planner)  # reports common errors once, before the fork
     with ProcessPoolExecutor(workers, context, _begin, (job, shares, ends)) as pool:
         futures = [pool.submit(_nth, k) for k in range(len(job.seeds))]
         try:

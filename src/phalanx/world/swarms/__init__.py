@@ -1,1 +1,1 @@
-"""Simulated swarms in real time, as the gateway sees them."""
+"""Simulated swarms in real time, for the gateway."""

@@ -1,6 +1,6 @@
-"""A simulated swarm of DotBot-like robots: two wheels, an LED, a battery, a way to know where they are.
+"""Simulated swarm of DotBot-like robots: two wheels, an LED, a battery, and known positions.
 
-What they are now is one array, a column for each robot that is there; a tick moves all of them at once.
+The state of all robots is one array with a column per robot; a step advances all of them together.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ AREA_MM = (2000, 2000)
 BODY_MM, AXLE_MM, TOP_SPEED_MMPS = (1000 * size for size in (BODY_M, AXLE_M, TOP_SPEED_MPS))
 BATTERY_FULL_MV = 3000.0
 BATTERY_EMPTY_MV = 2200.0
-IDLE_MVPS = 0.15  # full to empty in an hour and a half standing
-DRIVE_MVPS = 0.45  # on top of it at full speed: 22 minutes
+IDLE_MVPS = 0.15  # empty after an hour and a half without driving
+DRIVE_MVPS = 0.45  # additional at full speed: empty after 22 minutes
 CHARGE_S = 60.0
 HISTORY_IN_ALL = 100_000
-# Rows of that array: place, mm; direction, rad; wheels, percent; battery, mV; the route's threshold and next point, mm;
-# the last point of the trail, mm.
+# Rows of that array: position, mm; direction, rad; wheels, percent; battery, mV; route threshold and next point, mm;
+# last point of the trail, mm.
 X, Y, ANGLE, LEFT, RIGHT, BATTERY, THRESHOLD, GOAL_X, GOAL_Y, TRAIL_X, TRAIL_Y = range(11)
 ROWS = TRAIL_Y + 1
-MAX_ROBOTS = 2000  # as many as the visitors' page keeps
+MAX_ROBOTS = 2000  # limit of the visitors' page
 
 
 class Dotbots(Roster):
-    """A `phalanx.robot.Swarm` that moves when told that time has passed.
+    """A `phalanx.robot.Swarm` advanced by `step`.
 
-    Robots whose battery is empty leave to charge, and come back. The clock says seconds since 1970, `unprotected` why
-    they do not audit each other, for people who expect that they do, or "".
+    Robots with an empty battery leave to charge, and return. The clock returns seconds since 1970. `unprotected` is the
+    reason why robots do not audit each other, for users who expect audits, or "".
 
     Raises: UsageError: the count is out of range.
     """
 
     def __init__(self, count: int, seed: int, clock: Callable[[], float], *, unprotected: str = "") -> None:
         if not 1 <= count <= MAX_ROBOTS:
-            raise UsageError(f"a swarm of {count} robots", f"1 to {MAX_ROBOTS}")
+            raise UsageError(f"a swarm of {count} robots", f"use 1 to {MAX_ROBOTS}")
         super().__init__(())
         self._random = np.random.default_rng(seed)
         self._clock = clock
@@ -53,8 +53,8 @@ class Dotbots(Roster):
         self._goals: list[int] = []
         self._charging: list[tuple[float, Member]] = []
         self._elapsed_s = 0.0
-        self._made = 0
-        # Said by another thread, heard at the next step: before it nothing moves.
+        self._created = 0
+        # Set by another thread, applied in the next step before any movement.
         self._held, self._to_stop = False, set[str]()
         self._now = np.zeros((ROWS, 0))
         self._longest_trail = max(30, min(HISTORY, HISTORY_IN_ALL // count))
@@ -64,11 +64,11 @@ class Dotbots(Roster):
 
     @property
     def area_mm(self) -> tuple[int, int]:
-        """Width and height of the area."""
+        """Return width and height of the area."""
         return AREA_MM
 
     def robots(self) -> Sequence[Robot]:
-        """Every robot that is there now."""
+        """Return all robots that are present."""
         now = self._clock()
         places = zip(
             self._now[X].tolist(),
@@ -83,27 +83,27 @@ class Dotbots(Roster):
         ]
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """Turn the wheels until told otherwise; ends waypoint following."""
+        """Set the wheels' speeds until the next order; ends waypoint following."""
         i = self._find(address)
         self._stop_following(i)
         self._now[LEFT, i] = max(-100, min(100, left_pct))
         self._now[RIGHT, i] = max(-100, min(100, right_pct))
 
     def stop(self, address: str) -> None:
-        """Stand still until told otherwise."""
+        """Stop the robot until the next order."""
         self._find(address)
         self._to_stop.add(address)
 
     def hold(self) -> None:
-        """All stand still until `release`."""
+        """Stop all robots until `release`."""
         self._held = True
 
     def release(self) -> None:
-        """They may be driven again."""
+        """Allow driving again."""
         self._held = False
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
-        """Visit these points in order; none stops the robot."""
+        """Drive to these points in order; an empty route stops the robot."""
         i = self._find(address)
         self._stop_following(i)
         self._now[LEFT, i] = self._now[RIGHT, i] = 0
@@ -114,21 +114,21 @@ class Dotbots(Roster):
             self._aim(i, 1)
 
     def clear_history(self, address: str) -> None:
-        """Forget where the robot has been."""
+        """Delete the robot's trail."""
         super().clear_history(address)
         i = self._find(address)
         self._now[TRAIL_X, i] = self._now[TRAIL_Y, i] = math.nan
 
     def join(self) -> str:
-        """One more robot drives in; its address."""
-        new = member(self._made)
-        self._made += 1
+        """Add a robot at a random position, and return its address."""
+        added = member(self._created)
+        self._created += 1
         charge = self._random.uniform(0.5, 1.0)
-        self._enter(new, BATTERY_EMPTY_MV + charge * (BATTERY_FULL_MV - BATTERY_EMPTY_MV))
-        return new.address
+        self._enter(added, BATTERY_EMPTY_MV + charge * (BATTERY_FULL_MV - BATTERY_EMPTY_MV))
+        return added.address
 
     def leave(self, address: str) -> None:
-        """A robot is taken away."""
+        """Remove a robot."""
         gone = self._find(address)
         self._now = np.delete(self._now, gone, axis=1)
         self._following = np.delete(self._following, gone)
@@ -136,7 +136,7 @@ class Dotbots(Roster):
         self._number_rows()
 
     def step(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass: steer, move, record, drain, charge."""
+        """Advance by `dt_s` seconds: steer, move, record, drain, charge."""
         self._elapsed_s += dt_s
         while self._to_stop:
             if (address := self._to_stop.pop()) in self._rows:
@@ -186,7 +186,7 @@ class Dotbots(Roster):
         indices = np.flatnonzero(self._following)
         dx, dy = self._now[GOAL_X, indices] - self._now[X, indices], self._now[GOAL_Y, indices] - self._now[Y, indices]
         sin, cos = np.sin(self._now[ANGLE, indices]), np.cos(self._now[ANGLE, indices])
-        # The nose points along (-sin, cos); its right-hand side, clockwise of it, along (-cos, -sin).
+        # The robot's front points along (-sin, cos), its right-hand side along (-cos, -sin).
         self._now[LEFT, indices], self._now[RIGHT, indices] = wheels_towards(-dx * sin + dy * cos, -dx * cos - dy * sin)
 
     def _move(self, dt_s: float) -> None:
@@ -201,7 +201,7 @@ class Dotbots(Roster):
     def _record(self) -> None:
         dx, dy = self._now[X] - self._now[TRAIL_X], self._now[Y] - self._now[TRAIL_Y]
         driving = (self._now[LEFT] != 0) | (self._now[RIGHT] != 0)
-        # Before the first point these are NaN, and nothing is near.
+        # NaN before the first point: not near.
         indices = np.flatnonzero(driving & ~(dx * dx + dy * dy < HISTORY_STEP_MM**2))
         self._now[TRAIL_X, indices], self._now[TRAIL_Y, indices] = self._now[X, indices], self._now[Y, indices]
         for i, x, y in zip(

@@ -1,7 +1,7 @@
-"""The demo's swarm, protected: robots on wheels that audit each other, driven by orders over their radio.
+"""Protected swarm of the demo: wheeled robots that audit each other, driven by orders over their radio.
 
-A station stands in the middle and says what visitors and the operator order (station.py). What a robot does with that
-is logged, replayed and audited like everything else.
+A station in the middle sends the orders of visitors and the operator (station.py). Robots log them, and audits replay
+their effect like any other input.
 """
 
 from __future__ import annotations
@@ -43,34 +43,34 @@ from .dotbots import AREA_MM, BATTERY_EMPTY_MV, BATTERY_FULL_MV, DRIVE_MVPS, IDL
 from .revival import Factory, revive
 from .work import Work
 
-# More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
+# More robots in one radio range saturate the channel: audits would be late, and honest robots stopped.
 MOST_ROBOTS = 100
-# Ten times a second, so that a joystick is felt at once; the rest are the paper's parameters.
+# Ten control steps per second, for a responsive joystick; the rest are the paper's parameters.
 DEMO = BtiConfig(t_control_ms=100, steps_per_state=15, delta_ms=40)
 EDGE_MM = 200.0
-# Told apart on a phone, and far from touching. Where so many do not fit, as far apart as so many tries find.
+# Distance that keeps robots distinguishable on a phone. If they do not fit, TRIES draws find the largest distance.
 APART_MM = 200.0
 TRIES = 64
-# The first that an operator is offered: anybody can see what it does.
+# Attack offered first to operators, because its effect is obvious.
 PLAIN_TO_SEE = "hijack"
 FULL_TURN_DEG = 360.0
-# Sets the station's keys apart from whatever else comes from the same seed.
+# Separates the random stream of the station's keys from others of the same seed.
 STATION = 0x0DE5
-LAST_EVENTS_MS = 1000  # after a round's time, nothing is left of a robot that was stopped
-MISSION = 1  # the number of the key that robots are powered up with
+LAST_EVENTS_MS = 1000  # margin after a round, by which a stopped robot has no events left
+MISSION = 1  # number of the mission key at the start
 HEARD_AT = wheels.SIGNERS + orders.EACH_BYTES * GATEWAY + orders.HIGHEST
 
 
 def fewest_robots(f_max: int) -> int:
-    """Return how many robots can lose f_max and still get f_max + 1 tokens from each other.
+    """Return the least number of robots that can lose f_max and still get f_max + 1 tokens from each other.
 
-    P2 takes one more: `BtiConfig.least_robots`. With fewer than that, compromised robots may have others stopped.
+    P2 needs one more: `BtiConfig.least_robots`. With fewer, compromised robots can cause others to be stopped.
     """
     return 2 * f_max + 2
 
 
 def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
-    """Places inside the area, APART_MM from each other or, where so many do not fit, as far as TRIES tries find.
+    """Draw positions inside the area, APART_MM from each other, or as far as TRIES draws allow.
 
     Returns: (count, 2), mm.
     """
@@ -84,23 +84,23 @@ def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SwarmKeys:
-    """Keys that a swarm's owner gives it for one mission."""
+    """Keys that the owner of a swarm issues for one mission."""
 
     mission: int
     boards: Sequence[Board]  # of each robot, in the order of ids
     gateway: Ed25519PrivateKey  # signs visitors' orders
-    operator: Ed25519PrivateKey  # and who stops all
+    operator: Ed25519PrivateKey  # signs stop orders
 
 
 def drawn_keys(seed: int) -> SwarmKeys:
-    """Those of a simulation of its own, where they keep nothing secret: each world draws its boards' itself."""
+    """Return random keys for a simulation, where they need no secrecy; boards' keys are drawn by the world."""
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, STATION])))
     gateway, operator = (Ed25519PrivateKey.from_private_bytes(chance.bytes(SIGNER_KEY_BYTES)) for _ in range(2))
     return SwarmKeys(MISSION, (), gateway, operator)
 
 
 class StationAir:
-    """The simulated radio as the station in the middle has it: the row behind the robots'."""
+    """Simulated radio of the station in the middle: the row after the robots'."""
 
     def __init__(self, world: World, row: int) -> None:
         self._world, self._row = world, row
@@ -120,11 +120,11 @@ class StationAir:
 
 
 class ProtectedSwarm(Ordered):
-    """A `phalanx.robot.swarm.AuditedSwarm` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
+    """A `phalanx.robot.swarm.AuditedSwarm` of 2 f_max + 2 to 100 simulated robots, advanced by `step`.
 
-    When f_max are stopped, each of the others still gets f_max + 1 tokens. The clock says seconds since 1970.
-    Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
-    drives them; with `keeps_apart` they avoid each other meanwhile, also when somebody drives them.
+    If f_max are stopped, each of the others still gets f_max + 1 tokens. The clock returns seconds since 1970.
+    Without `keys` random ones are used. With a `protocol`, one of ON_WHEELS, idle robots do its work; with
+    `keeps_apart` they always avoid each other, also when driven by a visitor.
     Raises: UsageError: the count is out of range.
     """
 
@@ -143,7 +143,7 @@ class ProtectedSwarm(Ordered):
         if not fewest_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
                 f"{count} robots in one radio range cannot audit each other with f_max {f_max}",
-                f"{fewest_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
+                f"{fewest_robots(f_max)} to {MOST_ROBOTS} robots, or --defence none",
             )
         keys = keys or drawn_keys(seed)
         station = Station(Signer(keys.gateway, keys.mission, GATEWAY), Signer(keys.operator, keys.mission, OPERATOR))
@@ -187,11 +187,11 @@ class ProtectedSwarm(Ordered):
         self._air = StationAir(self.world, count)
         self.world.vel[:count, 0] = chance.uniform(0, FULL_TURN_DEG, count)
         self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
-        # Said by another thread, heard at the next step.
+        # Set by another thread, applied in the next step.
         self._to_stop = set[int]()
         self._to_revive = set[int]()
         self._liars: dict[int, Liar] = {}
-        # By row, those that run in Python.
+        # Robots that run in Python, by row.
         self._nodes: dict[int, AuditedRobot] = {}
         if self._work:
             make = self._work.make_controller
@@ -208,27 +208,27 @@ class ProtectedSwarm(Ordered):
 
     @property
     def area_mm(self) -> tuple[int, int]:
-        """Width and height of the area."""
+        """Return width and height of the area."""
         return AREA_MM
 
     def robots(self) -> Sequence[Robot]:
-        """Every robot, where the world has it."""
+        """Return all robots with their true poses."""
         now = self._clock()
-        told = []
+        found = []
         for i, each in enumerate(self._members):
             x_m, y_m = self.world.pos[i].tolist()
             each.led = Led(*self.world.led[i].tolist())
             direction_deg, battery_v = round(float(self.world.vel[i, 0])), float(self._battery_mv[i]) / 1000
-            heard_at_s = self._stopped_at_s.get(i, now)
-            told.append(each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, heard_at_s))
-        return told
+            seen_at_s = self._stopped_at_s.get(i, now)
+            found.append(each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, seen_at_s))
+        return found
 
     def stop(self, address: str) -> None:
-        """Stand still until told otherwise."""
+        """Stop a robot until the next order."""
         self._to_stop.add(self._find(address))
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
-        """Visit these points in order; none stops the robot.
+        """Drive to these points in order; an empty route stops the robot.
 
         Raises: UsageError: more than `longest_route`.
         """
@@ -236,7 +236,7 @@ class ProtectedSwarm(Ordered):
         self._follow(i, route, threshold_mm, Point(*(self.world.pos[i] * 1000).tolist()))
 
     def step(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         while self._to_stop:
             self.drive(self._members[self._to_stop.pop()].address, 0, 0)
         end_s, looks = self._now_s + dt_s, self._work.looks if self._work else None
@@ -248,28 +248,28 @@ class ProtectedSwarm(Ordered):
             self._revive()
         for node in self._nodes.values():
             node.flush_state()
-        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        assert refused(self.world.queue) == 0, "the event queue overflowed"
         effort = np.abs(self.world.acc[: len(self._members)]).mean(axis=1)
         drained = self._battery_mv - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s
-        # An empty robot is given a fresh battery where it stands: who audits must not leave.
+        # An empty robot gets a fresh battery in place, because auditors must not leave.
         self._battery_mv = np.where(drained <= BATTERY_EMPTY_MV, BATTERY_FULL_MV, drained)
         for i in np.flatnonzero(effort > 0).tolist():
             x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
             self._members[i].went(x_mm, y_mm, HISTORY_STEP_MM)
         for i, each in enumerate(self._members):
-            state, told = self.world.fleet.state[i], self._station.told(i + 1)
-            # Nobody's route is left to it, and none is on its way.
-            is_free = told is not None and get_u64(state, HEARD_AT) >= told and not state[wheels.COUNT]
+            state, ordered = self.world.fleet.state[i], self._station.told(i + 1)
+            # The robot has received its last order, and has no route left.
+            is_free = ordered is not None and get_u64(state, HEARD_AT) >= ordered and not state[wheels.COUNT]
             if each.route and is_free:
                 each.route = ()
             if self.world.safe[i] and i not in self._stopped_at_s:
                 self._stopped_at_s[i] = self._clock()
                 each.route = ()
             elif self._work and is_free:
-                self._show_aim(self._work, i, each)
+                self._show_goal(self._work, i, each)
 
-    def _show_aim(self, work: Work, i: int, each: Member) -> None:
-        """Pages draw where a robot goes by itself as a route of one point."""
+    def _show_goal(self, work: Work, i: int, each: Member) -> None:
+        """Show the goal of a robot that works by itself as a route of one point."""
         aim_m, (x_m, y_m) = work.aim_m(self._nodes[i].controller, clock_ms(self.world, i)), self.world.pos[i].tolist()
         if aim_m is None or self.world.safe[i] or math.dist(aim_m, (x_m, y_m)) < 2 * STANDS_MM / 1000:
             each.route = ()
@@ -289,7 +289,7 @@ class ProtectedSwarm(Ordered):
     # --- the shields --------------------------------------------------------------------------------------------------
 
     def shields(self) -> Sequence[Shield]:
-        """One for every robot."""
+        """Return every robot's tokens and state."""
         return [self._shield(i) for i in range(len(self._members))]
 
     def _shield(self, i: int) -> Shield:
@@ -304,7 +304,7 @@ class ProtectedSwarm(Ordered):
         )
 
     def new_audits(self) -> Sequence[Audit]:
-        """Those that ended since the last call, oldest first."""
+        """Return the audits that ended since the last call, oldest first."""
         return [
             Audit(
                 auditor=self._members[auditor - 1].address,
@@ -315,7 +315,7 @@ class ProtectedSwarm(Ordered):
         ]
 
     def attacks(self) -> Sequence[AttackChoice]:
-        """Return the attacks a robot can be made to run, most visible first."""
+        """Return the attacks that a robot can run, the most visible first."""
         own = self._work.protocol if self._work else None
         choices = [
             AttackChoice(name, attack.does)
@@ -325,7 +325,7 @@ class ProtectedSwarm(Ordered):
         return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
 
     def compromise(self, address: str, attack: str) -> None:
-        """The robot lies from now on."""
+        """Compromise a robot from now on."""
         i = self._find(address)
         if attack not in {choice.name for choice in self.attacks()}:
             raise Unknown(f"no attack {attack[:64]!r}")
@@ -342,14 +342,14 @@ class ProtectedSwarm(Ordered):
         )
         make = self._work.make_controller if self._work else None
         if self._work:
-            self._nodes[i].flush_state()  # what it remembers is what the compromised robot goes on from
+            self._nodes[i].flush_state()  # the compromised robot continues with this state
         liar = lying(attacks()[attack], self.world.fleet, i, self.world.work, plan, make)
         self._liars[i] = self._nodes[i] = liar
         self.world.runs[i] = PYTHON
         pybot.wake(self.world, liar, int(self.world.clock[0].now_us))
 
     def revive(self, address: str) -> None:
-        """Have a stopped robot begin anew, honest; in a moment, as its last round has to be over.
+        """Restart a stopped robot with honest code, once its last round is over.
 
         Raises: Unknown: no such robot, or it is not stopped.
         """
@@ -359,7 +359,7 @@ class ProtectedSwarm(Ordered):
         self._to_revive.add(i)
 
     def _next_grid_s(self) -> float:
-        """Return when somebody may be revived, s; never if nobody is to be."""
+        """Return the next time at which a robot may be revived, s; infinity if none waits."""
         grid_s = self._config.t_control_ms / 1000
         return (math.floor(self._now_s / grid_s + 1e-6) + 1) * grid_s if self._to_revive else math.inf
 
@@ -376,16 +376,16 @@ class ProtectedSwarm(Ordered):
             if self._work:
                 self._nodes[i] = AuditedRobot(self.world.fleet, i, self.world.work, self._work.make_controller)
             revive(self.world, i, self._factory, self._seed + i, self._nodes.get(i))
-            self._show(i, Led(*self.world.led[i].tolist()))  # the first order that it obeys
+            self._show(i, Led(*self.world.led[i].tolist()))  # the first order to the new controller
 
     @property
     def liars(self) -> Mapping[int, Liar]:
-        """The compromised, by row."""
+        """Return the compromised robots, by row."""
         return self._liars
 
     # --- inside -------------------------------------------------------------------------------------------------------
 
     @property
     def _now_ms(self) -> int:
-        """Of the station's clock, which is the world's."""
+        """Return the station's time, which is the world's."""
         return int(self.world.clock[0].now_us) // 1000

@@ -1,7 +1,7 @@
-"""Revive a stopped robot of the simulation: new trusted nodes, an empty memory, and its honest controller.
+"""Revive a stopped simulated robot: new trusted nodes, empty memory, and its honest controller.
 
-The mission key is the swarm's, and its clock goes on, so that no token of before counts again. A real robot has to be
-given a new mission key: in Safe Mode its a-node obeys nobody.
+The mission key and the clock stay the same, so that earlier tokens remain invalid. A real robot needs a new mission
+key: in Safe Mode its a-node accepts no commands.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from phalanx.world.audited.events import push
 from phalanx.world.audited.world import COMPILED, PYTHON, World, clock_ms
 from phalanx.world.radio.nic import make_nics
 
-# Kept of a robot's memory: its number, and that of its last request, so that others take the next one for a new one.
+# Kept in a robot's memory: its id, and its last request number, so that other robots accept the next one as new.
 KEPT = ("id", "request_no")
 
 
 class Factory:
-    """Makes trusted nodes, and keeps what they were given: for a robot of a simulation there is another pair."""
+    """Factory of trusted nodes that stores their keys, to create another pair for the same simulated robot."""
 
     def __init__(self) -> None:
         self._masters: dict[int, tuple[bytes, int]] = {}
@@ -37,12 +37,12 @@ class Factory:
         return _Remembered(n, profile, limits, self._masters, self._missions)
 
     def another(self, i: int, profile: int, now_ms: int) -> Nodes:
-        """Return one robot's new pair of nodes, with the keys of robot i, loaded at `now_ms`."""
-        assert self._limits is not None, "the swarm was made"
-        made = Nodes(1, profile, self._limits)
-        made.load_master(0, *self._masters[i])
-        made.load_mission(0, now_ms, self._missions[i])
-        return made
+        """Return a new pair of nodes for one robot, with the keys of robot i, loaded at `now_ms`."""
+        assert self._limits is not None, "called after the swarm was created"
+        nodes = Nodes(1, profile, self._limits)
+        nodes.load_master(0, *self._masters[i])
+        nodes.load_mission(0, now_ms, self._missions[i])
+        return nodes
 
 
 class _Remembered(Nodes):
@@ -67,10 +67,10 @@ class _Remembered(Nodes):
 
 
 def revive(world: World, i: int, factory: Factory, seed: int, robot: Robot | None) -> None:
-    """Let robot i begin anew where it stands; `robot` runs it, if it runs in Python.
+    """Restart robot i where it stands; `robot` runs it, if it runs in Python.
 
-    The world's time is a multiple of the control period, as the robots' readings come on a grid since then. The events
-    of the robot's last round have passed: it was stopped for longer than a round takes.
+    The world's time must be a multiple of the control period, to which readings are aligned. The events of the robot's
+    last round must have passed: it must have been stopped for longer than a round.
     """
     fleet, now_ms = world.fleet, clock_ms(world, i)
     nodes = factory.another(i, int(fleet.settings[0].profile), now_ms)
@@ -89,7 +89,7 @@ def revive(world: World, i: int, factory: Factory, seed: int, robot: Robot | Non
 
 
 def _forget(fleet: Fleet, i: int) -> None:
-    """Empty the c-node's memory."""
+    """Clear the c-node's memory."""
     robot = fleet.robot[i]
     if robot.request_row != NO_ROW:
         give_back(fleet.request, int(robot.request_row))

@@ -1,6 +1,6 @@
-"""Drive idle demo robots by a protocol, as scenarios drive point masses, but on wheels.
+"""Let idle demo robots carry out a protocol, as in scenarios but on wheels.
 
-It is run in plain Python, so that a swarm that works costs more than one that waits.
+The protocol runs in plain Python, so that a working swarm needs more processor time than a waiting one.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from phalanx.world.audited.pybot import Looks
 from .dotbots import AREA_MM
 
 EDGE_M, SIDE_M = 0.25, AREA_MM[0] / 1000 - 0.5
-RING_M = 0.62  # of the sentries: what comes for them has some way to go
-LATELY_S = 120.0  # people are told what came of it in so long
+RING_M = 0.62  # radius of the sentries' ring, which leaves intruders some distance to cover
+LATELY_S = 120.0  # period over which the score is shown
 
-Posts = tuple[float, tuple[Point, ...]]  # a step, m, and where each robot waits; () for where it starts
+Posts = tuple[float, tuple[Point, ...]]  # a step, m, and the post of each robot; () for the starting positions
 
 
 def places(_starts_m: NDArray[np.float64]) -> Posts:
-    """A square of places for all."""
+    """Return a square grid for all robots."""
     return SIDE_M / (PLACES_A_SIDE - 1), ()
 
 
 def ring(starts_m: NDArray[np.float64]) -> Posts:
-    """One behind the other around the middle, as they stand there."""
+    """Return posts on a ring around the middle, in the robots' present order."""
     x, y = (starts_m - EDGE_M - SIDE_M / 2).T
     count, posts = len(starts_m), np.empty_like(starts_m)
     turns = np.arange(count) * math.tau / count
@@ -49,7 +49,7 @@ def ring(starts_m: NDArray[np.float64]) -> Posts:
 
 
 def square(starts_m: NDArray[np.float64]) -> Posts:
-    """In rows, as they stand: the topmost in the first one."""
+    """Return posts in rows, in the robots' present order: the topmost in the first row."""
     edge = math.ceil(math.sqrt(len(starts_m)))
     step_m, posts = SIDE_M / (edge - 1), np.empty_like(starts_m)
     by_y = np.argsort(starts_m[:, 1])
@@ -64,9 +64,9 @@ def _points(places_m: NDArray[np.float64]) -> tuple[Point, ...]:
     return tuple((x_m, y_m) for x_m, y_m in places_m.tolist())
 
 
-# By protocol where they wait, and how many can do it. In plain Python 40 robots take a third of a core; around a ring
-# of more than twelve two would have to touch to catch an intruder; more than 16 in a square were not tried.
-# Not among them: `warehouse`, as wheels that anybody may take over do not keep to a grid's lanes.
+# By protocol: the posts, and the largest number of robots. In plain Python 40 robots take a third of a core; on a ring
+# of more than twelve, two would have to touch to catch an intruder; more than 16 in a square are untested.
+# `warehouse` is missing, because robots that visitors may drive do not stay in a grid's lanes.
 ON_WHEELS: Mapping[str, tuple[Callable[[NDArray[np.float64]], Posts], int]] = {
     "exploration": (places, 40),
     "patrol": (places, 40),
@@ -76,17 +76,17 @@ ON_WHEELS: Mapping[str, tuple[Callable[[NDArray[np.float64]], Posts], int]] = {
 
 
 def check_work(protocol: str, robots: int) -> None:
-    """So many robots on wheels can do it. Raises: UsageError."""
+    """Check that this number of wheeled robots can do the protocol. Raises: UsageError."""
     if protocol not in ON_WHEELS:
-        known = f"{', '.join(ON_WHEELS)}; others with phalanx sim view" * (protocol in protocols())
-        raise UsageError(f"no wheels can do {protocol!r}", known or ", ".join(ON_WHEELS))
+        known = f"use {', '.join(ON_WHEELS)}; run others with phalanx sim view" * (protocol in protocols())
+        raise UsageError(f"wheeled robots cannot do {protocol!r}", known or f"use {', '.join(ON_WHEELS)}")
     most = ON_WHEELS[protocol][1]
     if robots > most:
-        raise UsageError(f"{robots} robots that do {protocol}", f"at most {most}")
+        raise UsageError(f"{robots} robots for {protocol}", f"use at most {most}")
 
 
 class NearLooks:
-    """Return what a stage shows a robot, then the robots nearby, each where it was at its own last reading."""
+    """Sensors of a stage, followed by nearby robots at their own last readings' positions."""
 
     def __init__(self, stage: Stage, starts_m: Sequence[Point]) -> None:
         self._stage, self._at_m = stage, dict(enumerate(starts_m, 1))
@@ -99,13 +99,13 @@ class NearLooks:
 
 
 class Work:
-    """One protocol, for robots that stand at (N, 2) `starts_m`; `check_work` has let it through.
+    """One protocol for robots at (N, 2) `starts_m`; `check_work` must have accepted it.
 
     Attributes:
-        bti: the swarm's, with room for what a robot senses and remembers.
-        make_controller: for a robot's id.
-        stage: what counts what has come of it.
-        looks: what robots sense beside their own motion: the stage's, and with `keeps_apart` who is nearby.
+        bti: the swarm's configuration, with room for the robots' readings and state.
+        make_controller: makes a controller from a robot's id.
+        stage: simulates the work's environment, and keeps the score.
+        looks: sensors beyond the robots' own motion: the stage's, and with `keeps_apart` nearby robots.
     """
 
     def __init__(
@@ -119,10 +119,10 @@ class Work:
         keeps_apart: bool = False,
     ) -> None:
         found = find_protocol(protocol)
-        assert found is not None, "as all ON_WHEELS"
+        assert found is not None, "all protocols of ON_WHEELS exist"
         step_m, posts_m = ON_WHEELS[protocol][0](starts_m)
         task = Task(
-            starts_m=_points(starts_m.astype(np.float32)),  # as checkpoints say it
+            starts_m=_points(starts_m.astype(np.float32)),  # the precision of checkpoints
             step_m=step_m,
             origin_m=(EDGE_M, EDGE_M),
             boxes=(),
@@ -146,15 +146,15 @@ class Work:
 
     def aim_m(self, controller: Controller | None, now_ms: int) -> Point | None:
         """Return the goal of an honest idle robot, m; None while it is driven or held."""
-        assert isinstance(controller, PeerController), "as made here"
+        assert isinstance(controller, PeerController), "made by make_controller"
         return None if controller.body.is_taken(now_ms) else controller.aim()
 
     def done(self, now_s: float) -> Done:
-        """Return the recent score; drop older history that would grow."""
+        """Return the recent score; drop older history, which would grow."""
         self.stage.forget(max(0.0, now_s - LATELY_S))
         stage, score = self.stage, self.stage.score_so_far(())
         return Done(name=self.protocol, score=score, counts=stage.counts, lately_s=max(1.0, now_s - stage.since_s))
 
     def things_m(self, now_s: float) -> list[Point]:
-        """Return the places of its objects in the area."""
+        """Return the positions of the work's objects in the area."""
         return [(x, y) for x, y in self.stage.things(now_s).values() if 0 <= x <= AREA_MM[0] / 1000 >= y >= 0]
