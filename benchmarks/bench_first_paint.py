@@ -33,7 +33,20 @@ ROUND_TRIP_S = 0.3
 PIECE_BYTES = 1460
 FIRST_PAINT_S, LIVE_S = 1.0, 3.5
 PAINTED = "performance.getEntriesByName('first-contentful-paint')[0]?.startTime"
-LIVE = "[data-testid=badge][data-state=live]"
+# In the page itself: Playwright looks again after up to half a second. Times are since the page was asked for.
+JOIN_AND_WATCH = """
+window.liveAt = new Promise((resolve) => {
+  const look = () => {
+    const join = document.querySelector("[data-testid=join]");
+    if (join && !window.hasJoined) {
+      window.hasJoined = true;
+      join.click();
+    }
+    if (document.querySelector("[data-testid=badge][data-state=live]")) resolve(performance.now());
+  };
+  new MutationObserver(look).observe(document, { subtree: true, childList: true, attributes: true });
+});
+"""
 
 
 class Direction:
@@ -112,13 +125,11 @@ def opened(browser: Browser, url: str) -> tuple[float, float]:
     """Return seconds to the first paint and to the live map of a page with an empty cache, joined at once."""
     context = browser.new_context(**PHONE)
     try:
+        context.add_init_script(JOIN_AND_WATCH)
         page = context.new_page()
-        began = time.monotonic()
         page.goto(url, wait_until="commit")
-        page.get_by_test_id("join").click()
-        page.locator(LIVE).wait_for()
-        live_s = time.monotonic() - began
-        return page.evaluate(PAINTED) / 1000, live_s
+        live_ms = page.evaluate("window.liveAt")
+        return page.evaluate(PAINTED) / 1000, live_ms / 1000
     finally:
         context.close()
 

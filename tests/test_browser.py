@@ -71,6 +71,8 @@ class TestVisitor:
         ):
             join(page, ready["qr_url"])
             badge(page, "live")
+            # The first state update may come before the list of robots.
+            page.get_by_test_id("robot-select").locator("option").nth(1).wait_for(state="attached")
             for _ in range(12):
                 page.keyboard.press("Tab")
                 if page.evaluate("document.activeElement.dataset.testid") == "robot-select":

@@ -324,7 +324,7 @@ def test_a_recording_has_the_walls_and_what_was_decoded_and_is_the_same_again(tm
     assert all(row == {"robot": row["robot"], "way": 0, "turn": 0, "curve_radpm": 0} for row in learnt[:2])
     last = {row["robot"]: row for row in learnt}
     assert json.loads(out)["drift"] == [last[1], last[2]]
-    assert any(line.startswith("odometry error    way ") for line in said)
+    assert any(line.startswith("odometry error   way ") for line in said)
     assert isinstance(_command("inspection", "--profile", "paper", "--record", "no/where/x.mcap")[2], UsageError)
     _, out, error = _command("inspection", "--profile", "paper", "--record", "/dev/full", "--duration", "1", "--json")
     assert isinstance(error, Unavailable)

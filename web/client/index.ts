@@ -20,6 +20,7 @@ export {
 export { ResumeStore, browserStores, type Kept } from "./io/resume_store";
 export { SessionConnection, type SessionTo } from "./io/session_connection";
 export { linkUrl } from "./io/link_url";
+export { WebsocketWay } from "./io/websocket_way";
 export { fetchSwarmKey } from "./io/swarm_key";
 export { type Transport, type TransportEvent, Refused, Unanswered } from "./io/transport";
 export { SwarmLink, type SwarmSource, type SwarmView } from "./io/swarm_link";

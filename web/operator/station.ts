@@ -12,6 +12,7 @@ import {
 import { operator as texts } from "../texts";
 import type { Local } from "./local";
 
+const ANSWER_WITHIN_MS = 3000;
 /** A stop is repeated until answered, for this long. */
 const STOP_FOR_MS = 10_000;
 const STOP_AGAIN_MS = 500;
@@ -50,8 +51,27 @@ export class LinkStation implements Station {
     return this.#link;
   }
 
-  ask(what: string, words: object = {}, timeout_ms?: number): Promise<Json> {
+  async ask(what: string, words: object = {}, timeout_ms = ANSWER_WITHIN_MS): Promise<Json> {
+    await this.#joined(timeout_ms);
     return this.#link.transport.ask(what, words, timeout_ms);
+  }
+
+  /** Resolve when the session has begun, or after that time: a click may come before it. */
+  async #joined(timeout_ms: number): Promise<void> {
+    const { transport } = this.#link;
+    if (transport.visit.stage === "here") return;
+    await new Promise<void>((resolve) => {
+      const look = () => {
+        if (transport.visit.stage === "here") done();
+      };
+      const unlisten = transport.listen(look);
+      const timer = setTimeout(() => done(), timeout_ms);
+      function done() {
+        unlisten();
+        clearTimeout(timer);
+        resolve();
+      }
+    });
   }
 
   async hold(held: boolean): Promise<string | undefined> {

@@ -510,13 +510,17 @@ describe("a broker", () => {
     sent.length = 0;
     ways = [];
     connection = new SessionConnection({ url: "", at: AT, fixed: SWARM, invitation: secret("open", 1), name: "Ada" }, store, dial);
-    way().onOpen();
   }
 
   function tell(...events: SessionEvent[]): void {
     session().events.push(...events);
     way().onMessage(new Uint8Array(0));
   }
+
+  test("that is connected already gets the first message at once", () => {
+    beginThere();
+    expect(sent).toEqual([" hello open 1"]);
+  });
 
   test("gets each message by its topic, and is told which to hear; a reload finds it again", () => {
     beginThere();

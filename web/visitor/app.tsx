@@ -1,51 +1,41 @@
 // The visitor page: with an invitation it drives the swarm, without one it explains how to get one.
 
-import { type ReactNode, useCallback, useEffect, useMemo, useState } from "react";
+import { useCallback, useEffect, useState } from "react";
 import {
   DIRECT,
   fetchSwarmKey,
   type Kept,
   linkUrl,
   type Secret,
-  type SessionConnection,
   type SessionInvitation,
   type SessionTo,
   type SessionWhere,
-  useLink,
-  useSwarm,
+  WebsocketWay,
 } from "../client";
-import { common, visitor as texts } from "../texts";
-import { Badge, hostOf } from "./badge";
-import { Cockpit } from "./cockpit";
+import { visitor as texts } from "../texts";
+import { Frame } from "./frame";
 import { type Found, forgetCode, keepCode, type Surroundings, takeFromAddress, takeKept } from "./invitation_store";
 import { Join } from "./join";
+import { latePart } from "./late_part";
 import { NoCode } from "./no_code";
-import { openSession, resumeStore } from "./open_link";
-import { Over, WaitingForApproval } from "./over";
+import { resumeStore } from "./resumes";
 
 const storage = sessionStorageOrNone();
 const browser: Surroundings = { location: window.location, history: window.history, storage };
+/** Loaded while the visitor reads how to join. */
+const Visit = latePart(
+  async () => (await import("./visit")).Visit,
+  () => <Frame state="connecting" text={texts.connecting} />,
+);
 
 type Entry =
   | { readonly kind: "none"; readonly problem?: string | undefined }
   /** A session's code was found, and the page asks for a nickname. */
   | { readonly kind: "naming"; readonly code: SessionInvitation }
-  | { readonly kind: "session"; readonly to: SessionTo };
+  | { readonly kind: "session"; readonly to: SessionTo; readonly way: WebsocketWay | undefined };
 
 export function App() {
   const [entry, setEntry] = useState<Entry>(() => enter(takeFromAddress(browser) ?? takeKept(browser)));
-  const open = useMemo(() => opener(entry), [entry]);
-  const link = useLink(open);
-  const isSession = entry.kind === "session";
-  const stage = useSwarm(link, ({ visit }) => visit.stage);
-  const over = useSwarm(link, ({ visit }) => visit.over);
-  const isWaiting = useSwarm(link, ({ visit }) => visit.standing?.waiting === true);
-  const name = useSwarm(link, ({ visit }) => visit.name);
-
-  useEffect(() => {
-    // A used or refused code cannot be used again: a reload resumes.
-    if (isSession && (stage === "here" || over === "code")) forgetCode(browser);
-  }, [isSession, stage, over]);
 
   useEffect(() => {
     // Scanning again in the same tab changes only the fragment.
@@ -60,86 +50,43 @@ export function App() {
     return () => window.removeEventListener("hashchange", onHash);
   }, []);
 
+  const use = useCallback(() => forgetCode(browser), []);
+  const refuse = useCallback(() => setEntry((now) => ({ kind: "none", problem: codeProblem(now) })), []);
   const leave = useCallback(() => {
     forgetCode(browser);
-    setEntry((now) => {
-      if (now.kind === "session") resumeStore.forget(now.to.fixed);
-      return { kind: "none" };
-    });
+    setEntry({ kind: "none" });
   }, []);
 
   async function joinRoom(secret: Secret, nickname: string): Promise<string | undefined> {
     const fixed = await fetchSwarmKey(location.href);
     if (!fixed) return texts.noRoomCodes;
-    setEntry({ kind: "session", to: sessionTo(DIRECT, fixed, secret, nickname) });
+    setEntry(session(DIRECT, fixed, secret, nickname));
     return undefined;
   }
 
-  function again() {
-    link?.transport.again();
+  switch (entry.kind) {
+    case "naming": {
+      const { code } = entry;
+      return (
+        <Frame state="nocode" text={texts.readyToJoin}>
+          <Join storage={storage} onJoin={(nickname) => setEntry(session(code, code.fixed, code.secret, nickname))} />
+        </Frame>
+      );
+    }
+    case "none":
+      return (
+        <Frame state="nocode" text={texts.noCodeYet}>
+          <NoCode
+            problem={entry.problem}
+            storage={storage}
+            onFound={(found) => setEntry(enter(found))}
+            onRoom={joinRoom}
+          />
+        </Frame>
+      );
+    case "session":
+      return <Visit to={entry.to} way={entry.way} onUsed={use} onRefused={refuse} onLeave={leave} />;
   }
-
-  if (entry.kind === "naming") {
-    const { code } = entry;
-    return (
-      <Frame state="nocode" text={texts.readyToJoin}>
-        <Join
-          storage={storage}
-          onJoin={(nickname) => setEntry({ kind: "session", to: sessionTo(code, code.fixed, code.secret, nickname) })}
-        />
-      </Frame>
-    );
-  }
-  if (entry.kind === "none" || over === "code") {
-    const problem = entry.kind === "none" ? entry.problem : codeProblem(entry);
-    return (
-      <Frame state="nocode" text={texts.noCodeYet}>
-        <NoCode problem={problem} storage={storage} onFound={(found) => setEntry(enter(found))} onRoom={joinRoom} />
-      </Frame>
-    );
-  }
-  if (over !== undefined)
-    return (
-      <Frame state="over" text={texts.sessionEnded}>
-        <Over reason={over} onAgain={again} onLeave={leave} />
-      </Frame>
-    );
-  if (isWaiting)
-    return (
-      <Frame state="waiting" text={texts.waitingForTheOperator}>
-        <WaitingForApproval name={name} />
-      </Frame>
-    );
-  const { broker } = entry.to.at;
-  const where =
-    broker !== ""
-      ? { via: "broker" as const, host: hostOf(broker) }
-      : { via: "direct" as const, host: hostOf(entry.to.url) };
-  return (
-    <div className="page">
-      <Cockpit where={where} link={link} onLeave={leave} />
-    </div>
-  );
-}
-
-interface FrameProps {
-  readonly state: "nocode" | "over" | "waiting";
-  readonly text: string;
-  readonly children: ReactNode;
-}
-
-function Frame({ state, text, children }: FrameProps) {
-  return (
-    <div className="page">
-      <header className="top">
-        <p className="brand">{common.brand}</p>
-        <div className="status">
-          <Badge state={state} text={text} />
-        </div>
-      </header>
-      {children}
-    </div>
-  );
 }
 
 function codeProblem(entry: Entry): string {
@@ -151,20 +98,19 @@ function codeProblem(entry: Entry): string {
 function enter({ code, problem }: Found): Entry {
   if (code) {
     const kept = resumeStore.find(code.fixed, Date.now() / 1000);
-    if (kept && code.secret.kind === "open") return { kind: "session", to: sessionTo(code, code.fixed, code.secret, kept.name) };
+    if (kept && code.secret.kind === "open") return session(code, code.fixed, code.secret, kept.name);
     keepCode(browser, code);
     return { kind: "naming", code };
   }
   const kept: Kept | undefined = problem === undefined ? resumeStore.newest(Date.now() / 1000) : undefined;
-  return kept ? { kind: "session", to: sessionTo(kept.at, kept.fixed, undefined, kept.name) } : { kind: "none", problem };
+  return kept ? session(kept.at, kept.fixed, undefined, kept.name) : { kind: "none", problem };
 }
 
-function sessionTo(at: SessionWhere, fixed: Uint8Array, invitation: Secret | undefined, name: string): SessionTo {
-  return { url: linkUrl(location.href), at, fixed, invitation, name };
-}
-
-function opener(entry: Entry): (() => Promise<SessionConnection>) | undefined {
-  return entry.kind === "session" ? () => openSession(entry.to) : undefined;
+/** Begin a session, and with it its websocket: that takes two round trips, while `visit` may be loading still. */
+function session(at: SessionWhere, fixed: Uint8Array, invitation: Secret | undefined, name: string): Entry {
+  const url = linkUrl(location.href);
+  const way = at.broker === "" ? new WebsocketWay(url) : undefined;
+  return { kind: "session", to: { url, at, fixed, invitation, name }, way };
 }
 
 function sessionStorageOrNone(): Storage | undefined {

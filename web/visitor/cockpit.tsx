@@ -91,7 +91,7 @@ export function Cockpit({ where, link, onLeave }: Props) {
   const words = badgeWords(health, where, roster.length, held);
   const inTrouble = words.state === "offline" || words.state === "silent";
   return (
-    <>
+    <div className="page">
       <header className="top" data-state={words.state}>
         <p className="brand" data-testid="me">
           {name === "" ? common.brand : name}
@@ -160,6 +160,6 @@ export function Cockpit({ where, link, onLeave }: Props) {
           )}
         </div>
       </main>
-    </>
+    </div>
   );
 }

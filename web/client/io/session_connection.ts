@@ -217,6 +217,7 @@ export class SessionConnection implements Transport {
       else if (!session.isJoined && SAID_TOO_MANY.includes(reason)) this.#end("too_many");
       else this.#lost(reason === REFUSED_LOGIN ? "refused" : "offline");
     };
+    if (way.isOpen) way.onOpen();
   }
 
   /** The server does not know the secret, or claims so. */

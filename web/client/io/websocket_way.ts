@@ -38,6 +38,11 @@ export class WebsocketWay implements Way {
     return this.#socket.readyState === WebSocket.OPEN;
   }
 
+  /** Closed, or closing. */
+  get isOver(): boolean {
+    return this.#socket.readyState >= WebSocket.CLOSING;
+  }
+
   send(data: Uint8Array): void {
     if (this.isOpen) this.#socket.send(data as Uint8Array<ArrayBuffer>);
   }

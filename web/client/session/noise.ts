@@ -8,9 +8,9 @@ import { hmac } from "@noble/hashes/hmac.js";
 import { sha256 } from "@noble/hashes/sha2.js";
 import { concatBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { NotAuthentic } from "../core/errors";
+import { KEY_BYTES } from "./secret";
 
 const NAME = utf8ToBytes("Noise_NKpsk0_25519_ChaChaPoly_SHA256");
-export const KEY_BYTES = 32;
 const NONCE_BYTES = 12;
 const NONCE_ZEROS = 4;
 const EMPTY_BYTES = KEY_BYTES + 16;

@@ -7,10 +7,12 @@ import { hmac } from "@noble/hashes/hmac.js";
 import { sha256 } from "@noble/hashes/sha2.js";
 import { concatBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { encodeBase64url } from "../core/base64url";
-import { type Cipher, KEY_BYTES } from "./noise";
+import type { Cipher } from "./noise";
 import { PROLOGUE, VERSION } from "./records";
 
 export const PROTOCOL = "phalanx/1 ";
+/** Of a psk, of an X25519 key and of a cipher. */
+export const KEY_BYTES = 32;
 export const ID_BYTES = 8;
 export const MAC1_BYTES = 16;
 export const TOPIC_BYTES = 16;

@@ -10,9 +10,9 @@ import { Channel } from "./channel";
 import { type EndReason, type Reason, Unexpected } from "./errors";
 import type { Invitation } from "./invitation";
 import { decodeMessage, type ServerMessage, type Standing } from "./messages";
-import { Initiator, KEY_BYTES } from "./noise";
+import { Initiator } from "./noise";
 import { ACCEPT, ALIVE, COMMAND, type EpochFields, HELLO, JOIN, LEAVE, LINK_REQUEST, READY, RECORD, STORED, UPDATE } from "./records";
-import { helloTopic, prologue, recordTopic, type Secret } from "./secret";
+import { helloTopic, KEY_BYTES, prologue, recordTopic, type Secret } from "./secret";
 import { UpdateReader } from "./updates";
 
 /** Time limit from a first message to `welcome`. */
