@@ -1,9 +1,9 @@
 """A language-model agent as a visitor of a swarm, over MCP: python examples/agent_mcp.py TICKET_FILE
 
-docs/guides/agents.md has more.
+docs/guides/agents.md explains it.
 
-The agent is not trusted: its ticket says what it may do, and the gateway checks that. So nothing here guards the swarm;
-the bounds below spare the agent refusals, and keep what robots are called from being read as instructions.
+The agent is not trusted: its ticket limits what it may do, and the gateway enforces that. The limits in this file do
+not protect the swarm. They spare the agent refusals, and keep names of robots from being read as instructions.
 """
 
 import argparse
@@ -23,11 +23,11 @@ from phalanx.errors import PeerError, PhalanxError, Unavailable, UsageError
 from phalanx.link import Client
 from phalanx.net.session_client import RequestRefused
 
-LONGEST_S = 10.0  # of one drive: an agent that is slow to think must not leave a robot rolling
+LONGEST_S = 10.0  # longest drive: a slow agent must not leave a robot moving
 LISTED = 100  # robots in an answer
-NEAR_MM, NEAR = 2000.0, 8  # what is near: so far, and so many
-LIST_S = 0.5  # for which a list of robots is good
-REFUSED_S = 0.4  # a stop is refused within this time, or not at all
+NEAR_MM, NEAR = 2000.0, 8  # range of `near`, and most entries
+LIST_S = 0.5  # lifetime of a list of robots
+REFUSED_S = 0.4  # a refusal of a stop comes within this time
 AT_ONCE = 16  # calls; stops do not count
 
 INSTRUCTIONS = """You visit a swarm of robots. Lengths are millimetres: x to the right, y down from the top left corner.
@@ -45,7 +45,7 @@ T = TypeVar("T")
 
 
 class Agent:
-    """The tools, over one session."""
+    """The agent's tools, over one session."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
@@ -58,7 +58,7 @@ class Agent:
         return [_shown(robot) for robot in robots[:LISTED]]
 
     async def look(self, robot: Robot) -> dict[str, Any]:
-        """Look at one robot: its place, direction, battery, and the robots and edges of the area near it."""
+        """Look at one robot: position, direction, battery, and the robots and edges of the area near it."""
 
         async def look() -> dict[str, Any]:
             robots = await self._robots()
@@ -72,7 +72,7 @@ class Agent:
         return await self._bounded(look)
 
     async def drive(self, robot: Robot, left_percent: Percent, right_percent: Percent, seconds: Seconds = 1.0) -> str:
-        """Drive one robot by its two wheels for at most 10 seconds. It stops at the end; this returns then."""
+        """Drive one robot by its two wheels for at most 10 seconds. Returns after the robot has stopped."""
 
         async def drive() -> str:
             found = _find(await self._robots(), robot)
@@ -83,7 +83,7 @@ class Agent:
         return await self._bounded(drive)
 
     async def follow_route(self, robot: Robot, points: Points) -> str:
-        """Send one robot along at most 64 points. This returns when it sets out, not when it arrives: look at it."""
+        """Send one robot along at most 64 points. Returns when it starts, not when it arrives: use look."""
 
         async def follow() -> str:
             found = _find(await self._robots(), robot)
@@ -117,7 +117,7 @@ class Agent:
 
 
 async def _told(call: Callable[[], Awaitable[T]]) -> T:
-    """Return what a call does, or tell the agent in one line why it was refused."""
+    """Return a call's result; report a refusal to the agent in one line."""
     try:
         return await call()
     except (PeerError, Unavailable, UsageError) as error:
@@ -136,7 +136,7 @@ def _is_called(robot: dict[str, Any], called: str) -> bool:
 
 
 def _clean(text: object) -> str:
-    """Return a name as one plain word: what robots and people are called is theirs to choose."""
+    """Return a name as one plain word: robots and people choose their own names, which may hold instructions."""
     return "".join(each for each in text if each.isalnum() or each in "-_.")[:32] if isinstance(text, str) else ""
 
 
@@ -166,7 +166,7 @@ def _shown(robot: dict[str, Any]) -> dict[str, Any]:
 
 
 def _near(robot: dict[str, Any], robots: list[dict[str, Any]], area: object) -> list[dict[str, Any]]:
-    """Return what is near a robot, the nearest first: other robots, and the edges of the area."""
+    """Return the other robots and the edges of the area near a robot, nearest first."""
     here = _place(robot)
     if here is None:
         return []
@@ -200,7 +200,7 @@ def make_server(agent: Agent) -> MCPServer[Any]:
 
 
 async def serve(url: str, keep: Path) -> None:
-    """Be in the swarm until the host closes standard input. Raises: PhalanxError: no ticket, or no swarm."""
+    """Stay connected until the host closes standard input. Raises: PhalanxError: no ticket, or no swarm."""
     async with Client(url, secret_file=keep) as client:
         await make_server(Agent(client)).run_stdio_async()
 

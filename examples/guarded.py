@@ -1,4 +1,4 @@
-"""Planners that nobody could replay, under a guard: a learned policy, one that mumbles, one that is out for harm.
+"""Planners that cannot be replayed, under a guard: a learned policy, an unreliable planner, and a malicious one.
 
 python examples/guarded.py
 """
@@ -18,49 +18,49 @@ FIELD = ((-10.0, -10.0), (70.0, -10.0), (70.0, 70.0), (-10.0, 70.0))
 
 
 class Learned(Planner):
-    """A policy of one layer, fitted at its start by least squares to what a teacher did in drawn situations."""
+    """Linear policy, fitted by least squares to a teacher's actions in random situations."""
 
     def __init__(self, rob_id: int, goal_m: Pair) -> None:
-        """Situations are drawn anew for each robot, so no two policies are the same."""
+        """Draw situations and fit the policy; each robot gets another one."""
         super().__init__(rob_id, goal_m)
         chance = np.random.default_rng()
-        seen = chance.normal(0, 20, (200, 4))  # to the goal, to whoever is nearest
+        seen = chance.normal(0, 20, (200, 4))  # offsets to the goal and to the nearest robot
         nearer = np.maximum(0.0, 1 - np.hypot(seen[:, 2], seen[:, 3]) / 20)[:, None]
         taught = 0.2 * seen[:, :2] - nearer * 0.2 * seen[:, 2:] + chance.normal(0, 0.1, (200, 2))
         self.weights, *_ = np.linalg.lstsq(np.tanh(seen / 10), taught, rcond=None)
         self.others = {}
 
     def hear(self, _t_s: float, rob_id: int, position_m: Pair, _velocity_mps: Pair) -> None:
-        """Remembers where each said it was."""
+        """Store the last position of each robot."""
         self.others[rob_id] = np.array(position_m)
 
     def advise(self, _t_s: float, position_m: Pair, _velocity_mps: Pair) -> Sequence[float] | None:
-        """What the policy makes of it."""
+        """Return the policy's action."""
         gaps = [other - position_m for other in self.others.values()] or [np.array((99.0, 99.0))]
         nearest = min(gaps, key=np.linalg.norm)
         return np.tanh(np.concatenate([np.array(self.goal_m) - position_m, nearest]) / 10) @ self.weights
 
 
 class Mumbling(Planner):
-    """As a language model might: mostly to the point, sometimes nonsense, sometimes nothing, never twice the same."""
+    """Unreliable planner, like a language model: mostly sensible, sometimes nonsense or nothing, never repeatable."""
 
     def advise(self, _t_s: float, position_m: Pair, _velocity_mps: Pair) -> Sequence[float] | None:
-        """A wish, or what cannot be one."""
+        """Return a velocity, something invalid, or nothing."""
         to_goal = [to - at for to, at in zip(self.goal_m, position_m, strict=True)]
         return random.choice([to_goal, to_goal, to_goal, (float("nan"), 1.0), (1e9, -1e9), None])  # noqa: S311
 
 
 class Ramming(Planner):
-    """Full speed at whoever spoke last."""
+    """Malicious planner: full speed towards the last robot heard."""
 
     prey: Pair | None = None
 
     def hear(self, _t_s: float, _rob_id: int, position_m: Pair, _velocity_mps: Pair) -> None:
-        """Chooses it."""
+        """Choose the sender as the target."""
         self.prey = position_m
 
     def advise(self, _t_s: float, position_m: Pair, _velocity_mps: Pair) -> Sequence[float] | None:
-        """Straight at it."""
+        """Return full speed towards the target."""
         return None if self.prey is None else [99 * (to - at) for to, at in zip(self.prey, position_m, strict=True)]
 
 

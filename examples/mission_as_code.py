@@ -1,10 +1,10 @@
-"""A mission written as code, sealed, and walked by a robot that knows nothing: python examples/mission_as_code.py"""
+"""Write a mission as code, encode it, and let a robot without a map carry it out: python examples/mission_as_code.py"""
 
 import os
 
 from phalanx.mission import Action, BuildOptions, Draft, Experience, Landmark, Position, Sensor, State, Walker, build
 
-# The operator's side: three states, and what the robot shall do there.
+# The operator's side: three nodes, and the robot's actions there.
 draft = Draft("fetch")
 draft.node("dock", Position(3.0, 1.5), start=True)
 draft.node("store", Landmark("doorway", 9.0, 12.0, 1.57), do=Action("pick", (("shelf", 3),)))
@@ -14,7 +14,7 @@ draft.way("store", "hand-over")
 (built,) = build(draft.mission(), BuildOptions(), os.urandom)
 print(f"{len(built.mission.encode())} bytes, sealed: no place, no name and no action can be read in them")
 
-# The robot's side: what it experiences, moment by moment. Odometry is off by a few centimetres and degrees.
+# The robot's side: its observations, step by step. Odometry is off by a few centimetres and degrees.
 experiences = {
     "at the dock": Experience(0.0, 3.0, 1.5, 1.0),
     "lost in a corridor": Experience(1.0, 30.0, 30.0, 1.0, 4.0, (Landmark("doorway", 30.2, 31.0, 0.0),)),

@@ -1,4 +1,4 @@
-"""Your own controller in plain Python, protected: its robots audit each other, and stop the one that lies.
+"""Your own controller in plain Python, protected: robots audit each other and stop a compromised one.
 
 docs/guides/own-controller.md explains it. python examples/own_controller.py
 """
@@ -14,7 +14,7 @@ GOAL_M = (120.0, 120.0)
 
 @dataclass(frozen=True)
 class Memory:
-    """The robot that was heard last; id 0 for none."""
+    """The controller's state: the last robot heard, id 0 for none."""
 
     id: U16 = 0
     x_m: F32 = 0.0
@@ -22,16 +22,16 @@ class Memory:
 
 
 class GoThere(Controller):
-    """Go to the goal, and keep clear of the robot that was heard last."""
+    """Controller that drives to the goal and keeps clear of the last robot heard."""
 
     memory = Memory()
 
     def on_state(self, _t_ms: int, state: State) -> None:
-        """Remember where another robot is."""
+        """Store another robot's position."""
         self.memory = Memory(state.id, state.x_m, state.y_m)
 
     def on_reading(self, step: int, _t_ms: int, at: Reading) -> list[Command | State]:
-        """Accelerate towards the goal; each sixth time, broadcast where the robot is."""
+        """Accelerate towards the goal; every sixth time, broadcast the robot's state."""
         dx_m, dy_m = at.x_m - self.memory.x_m, at.y_m - self.memory.y_m
         push = 20.0 / (1.0 + dx_m * dx_m + dy_m * dy_m) if self.memory.id else 0.0
         command = Command(

@@ -1,6 +1,6 @@
-"""A flock's law of your own, compiled: robots keep their spacing, match speeds, and go to the goal.
+"""Your own compiled flocking controller: robots keep their spacing, match velocities, and go to the goal.
 
-It is written in the subset of Python that bundled controllers are written in (docs/guides/own-controller.md,
+It is written in the compiled subset of Python, as the bundled controllers are (docs/guides/own-controller.md,
 "Compile it"). python examples/own_kernels.py
 """
 
@@ -27,7 +27,7 @@ from phalanx.robot.kernels import (
 )
 from phalanx.world import Scenario, simulate
 
-# It remembers a neighbour in the place of its id modulo 16: id, when it was heard, place and velocity.
+# A neighbour is stored at its id modulo 16: id, time, position and velocity.
 PLACES, EACH = 16, table.NEIGHBOUR.size
 HEARD, MOTION = table.NEIGHBOUR.at("heard"), table.NEIGHBOUR.at("x_m")
 ID, SAID = table.STATE.at("id"), table.STATE.at("x_m")  # a reading has the same layout as a state
@@ -38,7 +38,7 @@ GOAL_X, GOAL_Y, SPACING = 0, 1, 2
 
 
 def params(config: FlockConfig) -> list[float]:
-    """The numbers that kernels are given, of what the scenario says."""
+    """Return the kernels' parameters from the scenario."""
     return [*config.goal_m, config.d_m]
 
 
@@ -53,26 +53,26 @@ CONTROLLER = Declaration(
 
 @kernel
 def capacity(_params: Params) -> int:
-    """The longest state, bytes."""
+    """Return the length of the longest state, bytes."""
     return PLACES * EACH
 
 
 @kernel
 def size(_state: Row) -> int:
-    """The length of this state: always the same."""
+    """Return the length of this state, bytes: always the same."""
     return PLACES * EACH
 
 
 @kernel
 def begin(_params: Params, _rob_id: int, state: Row) -> int:
-    """Write the boot state: nobody was heard."""
+    """Write the boot state: no neighbours."""
     state[: PLACES * EACH] = 0
     return PLACES * EACH
 
 
 @kernel
 def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
-    """Whether a checkpoint can be a state: the other kernels rely on it."""
+    """Return whether a checkpoint is a valid state: the other kernels rely on it."""
     if length != PLACES * EACH:
         return False
     for at in range(0, length, EACH):
@@ -83,7 +83,7 @@ def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
 
 @kernel
 def on_recv(_params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
-    """A packet was heard: remember its sender, if it is a state of finite numbers."""
+    """Process a packet: store its sender if it is a state of finite numbers."""
     if length == table.STATE.size and packet[0] == table.KIND_STATE and are_fine(packet, SAID, NUMBERS):
         rob = get_u16(packet, ID)
         if rob not in (0, rob_id):
@@ -98,7 +98,7 @@ def on_recv(_params: Params, rob_id: int, t_ms: int, packet: Row, length: int, s
 def on_input(
     params: Params, rob_id: int, step: int, t_ms: int, reading: Row, _length: int, state: Row, out: Row
 ) -> int:
-    """The sensors were read: write a command, and each sixth time a broadcast."""
+    """Process a sensor reading: write a command, and every sixth time a broadcast."""
     is_fine = are_fine(reading, SAID, NUMBERS)  # broken sensors say NaN
     ax, ay = 0.0, 0.0
     if is_fine:
@@ -116,7 +116,7 @@ def on_input(
 
 @kernel
 def acceleration(params: Params, t_ms: int, reading: Row, state: Row) -> tuple[float, float]:
-    """The law: a spring and a damper to each neighbour that is near, a soft pull to the goal."""
+    """Return the acceleration: a spring and a damper to each near neighbour, and a bounded pull to the goal."""
     x, y = get_f32(reading, SAID), get_f32(reading, SAID + FLOAT)
     vx, vy = get_f32(reading, SAID + 2 * FLOAT), get_f32(reading, SAID + 3 * FLOAT)
     ax, ay = 0.0, 0.0
@@ -128,7 +128,7 @@ def acceleration(params: Params, t_ms: int, reading: Row, state: Row) -> tuple[f
             spring = 1.0 - params[SPACING] / max(gap, 0.2 * params[SPACING])
             ax += 0.3 * spring * dx + 0.2 * (get_f32(state, at + MOTION + 2 * FLOAT) - vx)
             ay += 0.3 * spring * dy + 0.2 * (get_f32(state, at + MOTION + 3 * FLOAT) - vy)
-    # However far the goal is, and whatever liars say: each of both is limited.
+    # Both parts are limited, however far the goal is and whatever compromised robots claim.
     ax = limited(ax, 3.0) + limited(0.02 * (params[GOAL_X] - x), 1.0) - 0.4 * vx
     ay = limited(ay, 3.0) + limited(0.02 * (params[GOAL_Y] - y), 1.0) - 0.4 * vy
     return ax, ay

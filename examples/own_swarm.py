@@ -1,4 +1,4 @@
-"""Robots of your own behind the whole gateway: page, map, joystick, QR code. python examples/own_swarm.py"""
+"""Your own robots behind the whole gateway: page, map, joystick, QR code. python examples/own_swarm.py"""
 
 import asyncio
 import contextlib
@@ -12,7 +12,7 @@ from phalanx.robot import Led, Point, Robot
 
 
 class Carts:
-    """Two carts that only go sideways. Yours would talk to motors and read positions here."""
+    """Two simulated carts that move sideways only. Replace this by your motors and positions."""
 
     area_mm = (1000, 1000)
 
@@ -21,7 +21,7 @@ class Carts:
         self.led = dict.fromkeys(self.x_mm, Led(250, 210, 60))
 
     def robots(self) -> Sequence[Robot]:
-        """Both, where they are now."""
+        """Return both carts at their current positions."""
         return [
             Robot(
                 address=address,
@@ -39,29 +39,29 @@ class Carts:
         ]
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """A step sideways for every command."""
+        """Move a step sideways for every command."""
         if address not in self.x_mm:
             raise Unknown(f"no cart {address}")
         self.x_mm[address] = min(1000.0, max(0.0, self.x_mm[address] + (left_pct + right_pct) / 20))
 
     def stop(self, address: str) -> None:
-        """Nothing: a cart that hears no command stands. Yours would stop its motors here, from any thread."""
+        """Do nothing: a cart stands without commands. Yours would stop its motors here, from any thread."""
 
     def hold(self) -> None:
-        """As above, for all of them."""
+        """Do nothing, as in `stop`; yours would stop all robots."""
 
     def release(self) -> None:
-        """They may move again."""
+        """Allow commands again."""
 
     def set_led(self, address: str, led: Led) -> None:
-        """Remember the colour."""
+        """Store the colour."""
         self.led[address] = led
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
-        """Carts follow no routes."""
+        """Ignore the route: carts follow none."""
 
     def clear_history(self, address: str) -> None:
-        """There is none."""
+        """Do nothing: carts have no trail."""
 
 
 if __name__ == "__main__":

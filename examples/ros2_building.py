@@ -1,9 +1,8 @@
 """A robot with a lidar in a building, for ROS 2; `docs/guides/ros2.md` has the commands.
 
-It tells scan and odom ten times a second of its own time, and drives as cmd_vel said in the last half second; its
-odometry errs, and nobody tells it where it is. With --rate its time is quicker than the clock on the wall: stamps say
-which it is.
-At the end, Ctrl-C or SIGTERM, it prints where it truly is: x, y, heading.
+It publishes scan and odom ten times a second of simulated time, and follows cmd_vel of the last half second. Its
+odometry drifts, and it does not publish its true pose. With --rate, simulated time is faster than real time, as stamps
+show. At the end, after Ctrl-C or SIGTERM, it prints its true pose: x, y, heading.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Small robots on two wheels for ROS 2, and planners for them; `docs/guides/ros2.md` has the commands.
 
-`bases` simulates robots: each hears cmd_vel and tells odom, in a namespace of its own: r1, r2, …. They begin together,
-when all have heard somebody, and at the end the way that each went is summed up as JSON.
-`planners` drives each straight to its goal, over cmd_vel_raw; of one that is taken over, to the nearest other robot.
+`bases` simulates robots: each receives cmd_vel and publishes odom in its own namespace r1, r2, …. They begin together
+after all have received a command, and at the end a summary of their paths is printed as JSON.
+`planners` drives each robot straight to its goal, over cmd_vel_raw, and a compromised one to the nearest other robot.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def start_m(robot):
 
 
 class Base:
-    """Two wheels, with limits; what is told counts for half a second, as with ros2_control's."""
+    """Simulated differential drive; commands are valid for half a second, as in ros2_control."""
 
     def __init__(self, node, robot):
         self.robot, self.node = robot, node
@@ -59,7 +59,7 @@ class Base:
             self.reached_s = now_s
 
     def tell(self):
-        """Its odometry begins where it stands, x ahead: REP 105 promises no other place of `odom` in `map`."""
+        """Publish odometry that begins at the start pose: REP 105 guarantees no other pose of `odom` in `map`."""
         x, y = start_m(self.robot)
         told = Odometry(child_frame_id="base_link")
         told.header.frame_id = "odom"
@@ -103,7 +103,7 @@ def bases(node, spin, args):
 
 
 class Planner:
-    """It knows from odometry where its robot is, and drives a point half a metre ahead of the axle."""
+    """Planner that reads its robot's odometry and controls a point half a metre ahead of the axle."""
 
     def __init__(self, node, robot, topic):
         self.robot, self.at = robot, None
@@ -116,7 +116,7 @@ class Planner:
         self.at = x - at.y, y + at.x, NORTH + 2 * math.atan2(q.z, q.w)
 
     def steer(self, goal, gain):
-        """Gain 1: as far as the goal is, each second; no faster than the robot is."""
+        """Drive to the goal with gain 1 per second, at most at the robot's speed."""
         wanted = Twist()
         if self.at and goal:
             x, y, yaw = self.at
@@ -149,9 +149,9 @@ def main():
     parser.add_argument("what", choices=["bases", "planners"])
     parser.add_argument("--robots", type=int, default=4)
     parser.add_argument("--duration", type=float, default=30.0, help="seconds, of the bases")
-    parser.add_argument("--at-once", action="store_true", help="bases wait for nobody")
+    parser.add_argument("--at-once", action="store_true", help="bases do not wait for commands")
     parser.add_argument("--topic", default="cmd_vel_raw", help="what planners publish; cmd_vel: past the guard")
-    parser.add_argument("--hijacked", type=int, default=0, help="this robot's planner is taken over")
+    parser.add_argument("--hijacked", type=int, default=0, help="id of the robot with a compromised planner")
     parser.add_argument("--at", type=float, default=3.0, help="when, seconds from the first odometry")
     args = parser.parse_args()
     rclpy.init()

@@ -1,4 +1,4 @@
-"""Robots of your own behind the link: python examples/ten_lines.py [BROKER]"""
+"""Your own robots behind the link: python examples/ten_lines.py [BROKER]"""
 
 import asyncio
 import contextlib
@@ -9,13 +9,13 @@ from phalanx import link
 from phalanx.gateway.vocabulary import parse_move_raw
 
 server = link.Server(sys.argv[1] if len(sys.argv) > 1 else "mqtt://127.0.0.1:1883")
-turned = {name: Counter(left=0, right=0) for name in ("ROBOT-1", "ROBOT-2")}  # its wheels: percent, added up
+turned = {name: Counter(left=0, right=0) for name in ("ROBOT-1", "ROBOT-2")}  # wheels: percent, added up
 
 
 @server.on_command("move_raw")
 async def drive(command: link.Command) -> None:
-    if command.address in turned:  # authentic is not sensible: anybody with the code wrote it
-        move = parse_move_raw(command.payload)  # wheels in percent, or BadPayload: counted and survived
+    if command.address in turned:  # authentic, but not necessarily valid: any holder of the code may send it
+        move = parse_move_raw(command.payload)  # wheels in percent, or BadPayload, which is counted
         turned[command.address].update(left=move.left_pct, right=move.right_pct)
         await server.notify({"driven": command.address, "wheels": (move.left_pct, move.right_pct)})
 

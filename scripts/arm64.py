@@ -1,7 +1,7 @@
 """Build the wheel for aarch64 with zig, and run it under QEMU: `arm64.py FOLDER sim run bti-fig9 --json`.
 
-FOLDER keeps what is made and fetched: the wheel, a Debian Python for arm64, and the wheels of the dependencies. What
-follows is a `phalanx` command, which runs on the emulated machine. Needs qemu-user (Debian), and ziglang (PyPI) in the
+FOLDER stores the wheel, a Debian Python for arm64, and the wheels of the dependencies. The other arguments are a
+`phalanx` command, which runs on the emulated machine. Needs qemu-user (Debian), and ziglang (PyPI) in the
 Python that runs this.
 """
 
@@ -24,7 +24,7 @@ PLATFORMS = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_
 
 
 def run(*command: str | Path, cwd: Path = ROOT, env: dict[str, str] | None = None) -> None:
-    """Run a command, and keep its output for the message if it fails. Raises: SystemExit: it failed."""
+    """Run a command. Raises: SystemExit: it failed; the message has its output."""
     done = subprocess.run(
         [str(each) for each in command],
         cwd=cwd,
@@ -50,7 +50,7 @@ def build(folder: Path) -> Path:
 
 
 def fetch_python(folder: Path) -> None:
-    """Unpack Debian's Python for arm64, by an apt with state of its own: this machine's packages stay as they are."""
+    """Unpack Debian's Python for arm64 with a separate apt state, so that this machine's packages do not change."""
     state, packages = folder / "apt", folder / "debian"
     for each in ("lists/partial", "cache/archives/partial"):
         (state / each).mkdir(parents=True, exist_ok=True)
@@ -78,7 +78,7 @@ def fetch_wheels(folder: Path) -> None:
 
 
 def set_up(folder: Path) -> None:
-    """Make what is not there yet; the project's own wheel is built each time."""
+    """Fetch what is missing, and build the project's wheel."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "root").exists():
         fetch_python(folder)
@@ -95,7 +95,7 @@ def command(folder: Path, *words: str) -> tuple[list[str], dict[str, str]]:
 
 
 def main() -> int:
-    """Set up the folder that is named, and run the command behind it. Return its exit code."""
+    """Set up the folder, and run the command. Return its exit code."""
     if len(sys.argv) < 2 or sys.argv[1].startswith("-"):
         print(__doc__, file=sys.stderr)
         return 2

@@ -1,7 +1,7 @@
-"""The tables of docs/reference/attacks.md, measured again: python scripts/attack_tables.py [NAME …]
+"""Measure the tables of docs/reference/attacks.md again: python scripts/attack_tables.py [NAME …]
 
-Each attack by robots runs in the small swarm of tests/attacks/trials.py under each defence; its row in the page gets
-what was seen in brackets. A row that is not there yet is told.
+Each attack by robots runs in the small swarm of tests/attacks/trials.py under each defence. The measured values replace
+those in brackets in the page's row of the attack. A missing row is reported.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PAGE = ROOT / "docs" / "reference" / "attacks.md"
 
 
 def cell(trial: Trial, verdict: str) -> str:
-    """A verdict, how long the slowest liar lived after its first lie, and the damage."""
+    """Return the verdict, the longest time from deviation to Safe Mode, and the damage."""
     lasted = f" {max(trial.stopped_after_s()):.1f} s" if verdict == "stopped" else ""
     harm = f"{trial.harm if trial.harm > NOTHING else 0:.3g}"
     unit = " robot" if trial.harm == 1 and trial.attack.harm.unit == "robots" else f" {trial.attack.harm.unit}"
@@ -31,7 +31,7 @@ def cell(trial: Trial, verdict: str) -> str:
 
 
 def row(name: str) -> str:
-    """Of an attack by robots."""
+    """Return the table row of an attack by robots."""
     attack = IN_FLOCKS[name]
     seen = [cell(attacked(name, defence), attack.verdicts[defence]) for defence in DEFENCES]
     does = f"f_max: {attack.does}" if attack.crowd else attack.does

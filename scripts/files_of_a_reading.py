@@ -2,10 +2,9 @@
 
     PHALANX_PURE=1 python scripts/files_of_a_reading.py [--names]
 
-In a small protected flock, from the moment at which a robot's s-node is polled until it installs a token for a
-checkpoint behind that reading, the simulator's loop runs, with all robots and the radio. Every file of src/phalanx of
-which a function is executed counts; kernels run uncompiled, so that theirs count too. Ends with 1 if there are more
-than 25.
+A small protected flock is simulated from the poll of a robot's s-node until the robot installs a token for a later
+checkpoint. Every file of src/phalanx with an executed function counts; kernels run uncompiled, so that theirs count
+too. The exit code is 1 if there are more than 25.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ BEGINS_S, ENDS_US, STEP_US = 6.0, 30_000_000, 5_000
 
 @contextmanager
 def noted(files: set[str]) -> Iterator[None]:
-    """Add the files of all functions that are called."""
+    """Record the files of all called functions."""
     prefix = f"{SOURCES}/"
 
     def note(frame: FrameType, event: str, _: Any) -> None:

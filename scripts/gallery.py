@@ -1,4 +1,4 @@
-"""Takes the pictures of docs/gallery.md from `phalanx sim view`: `python scripts/gallery.py`."""
+"""Take the pictures of docs/gallery.md from `phalanx sim view`: `python scripts/gallery.py`."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from playwright.sync_api import sync_playwright
 
 IMG = Path(__file__).parent.parent / "docs" / "img"
 VIEW = [sys.executable, "-m", "phalanx", "sim", "view"]
-# Name, command, and at which second.
+# Name, command, and time of the picture, s.
 PICTURES = (
     ("refused", ("bti-fig9", "--duration", "40"), 18.3),
     ("stopped", ("bti-fig9", "--duration", "40"), 40),
     ("undefended", ("bti-fig8", "--duration", "40"), 40),
     ("warehouse", ("warehouse", "--duration", "40"), 40),
 )
-ZOOMS = {"refused": 3}  # so often larger: robots stand close
+ZOOMS = {"refused": 3}  # scale: these robots stand close together
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(
@@ -34,7 +34,7 @@ with sync_playwright() as playwright:
             page.get_by_text("s are here").wait_for(timeout=600_000)
             page.get_by_role("button", name="Pause").click()
             page.get_by_label("Time").fill(str(at_s))
-            if name in ZOOMS:  # the robots are in the corner below
+            if name in ZOOMS:  # the robots are in the lower corner
                 page.mouse.move(100, 350)
                 page.keyboard.down("Control")
                 page.mouse.wheel(0, -75 * ZOOMS[name])

@@ -1,4 +1,4 @@
-"""How often a single scan shows which landmarks of a floor plan, and how exactly: from random free poses.
+"""Measure how often, and how exactly, a single scan shows each kind of landmark of a floor plan from random poses.
 
     python scripts/landmark_rates.py [MAP] [POSES] [DELTA_M] [NOISE_M]
 
@@ -24,7 +24,7 @@ FLAT_RAD = math.radians(20)
 
 
 def same(seen: Landmark, alias: Landmark) -> bool:
-    """Whether an observation is this landmark: 0.3 m, half a 15-degree bin, a tenth of the area."""
+    """Return whether an observation matches this landmark: within 0.3 m, half a 15-degree bin, a tenth of the area."""
     if seen.type != alias.type or math.hypot(seen.x_m - alias.x_m, seen.y_m - alias.y_m) > 0.3:
         return False
     if seen.area_m2 is not None:
@@ -35,7 +35,7 @@ def same(seen: Landmark, alias: Landmark) -> bool:
 
 
 def visible(plan: FloorPlan, pose: tuple[float, float, float], door: Landmark, width_m: float, fov_rad: float) -> bool:
-    """Whether a doorway's jambs are both in view."""
+    """Return whether both jambs of a doorway are in view."""
     x, y, heading = pose
     along = (math.cos(door.orientation_rad) * width_m / 2, math.sin(door.orientation_rad) * width_m / 2)
     jambs = [(door.x_m + s * along[0], door.y_m + s * along[1]) for s in (-1, 1)]
@@ -53,7 +53,7 @@ def visible(plan: FloorPlan, pose: tuple[float, float, float], door: Landmark, w
 
 
 def main() -> None:
-    """Prints the table."""
+    """Print the table."""
     plan = load_floorplan(sys.argv[1] if len(sys.argv) > 1 else "office_40x40")
     poses = int(sys.argv[2]) if len(sys.argv) > 2 else 2000
     delta_m = float(sys.argv[3]) if len(sys.argv) > 3 else 0.1

@@ -1,7 +1,7 @@
-"""Where robots stand or drive in runs of promises.py, beyond what scenario files say.
+"""Positions and paths of robots for runs of promises.py, in addition to the scenario files.
 
-A layout gives the robots' places at a time. `drive` moves the bodies along them while the run goes on: what a
-controller commands has no effect on them, all else is as ever. Places are drawn from the seed.
+A layout gives the robots' positions at a time. `drive` moves the bodies along them during the run: commands of
+controllers have no effect on bodies, everything else is simulated as usual. Positions are drawn from the seed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Places = Callable[[float], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Layout:
-    """`at(t_s)` returns the places, (N, 2) m, for times that rise."""
+    """Paths of all robots: `at(t_s)` returns positions, (N, 2) m, and is called with ascending times."""
 
     at: Places
 
@@ -35,12 +35,12 @@ class Layout:
 
 
 def top_speed_mps(t_audit_s: float) -> float:
-    """Return the speed up to which P2 is promised to robots that drive. Source: docs/promises.md."""
+    """Return the speed up to which P2 holds for moving robots, m/s. Source: docs/promises.md."""
     return RANGE_M / (2 * t_audit_s)
 
 
 def hidden(f_max: int, seed: int, _: float) -> Layout:
-    """Robots 1 to f_max hear robot f_max + 1, and none of its f_max + 2 to f_max + 9 auditors hears them."""
+    """Return robots 1 to f_max near robot f_max + 1, out of range of its f_max + 2 to f_max + 9 auditors."""
     chance = np.random.default_rng([seed, 1])
     groups = [
         (f_max, -95.0, 20.0),
@@ -59,7 +59,7 @@ def _around(chance: np.random.Generator, n: int, x_m: float, width_m: float) -> 
 
 
 def relayed(f_max: int, seed: int, _: float) -> Layout:
-    """f_max + 10 robots close together, the first two among them, and 20 to 40 that are far away."""
+    """Return f_max + 10 robots close together, the first two among them, and 20 to 40 distant ones."""
     chance = np.random.default_rng([seed, 2])
     near = chance.uniform(-40, 40, (f_max + RELAYED_NEAR, 2))
     far = chance.uniform(-60, 60, (20 + int(chance.integers(21)), 2))
@@ -67,7 +67,7 @@ def relayed(f_max: int, seed: int, _: float) -> Layout:
 
 
 def groups(f_max: int, seed: int, speed_mps: float) -> Layout:
-    """Two groups of f_max + 4 that pass through each other."""
+    """Return two groups of f_max + 4 robots that pass through each other."""
     chance = np.random.default_rng([seed, 3])
     n, apart_m = f_max + 4, chance.uniform(0, 230)
     off, sign = chance.uniform(-12, 12, (2 * n, 2)), np.repeat([1.0, -1.0], n)
@@ -79,7 +79,7 @@ def groups(f_max: int, seed: int, speed_mps: float) -> Layout:
 
 
 def convoy(f_max: int, seed: int, speed_mps: float) -> Layout:
-    """A single robot, or a few, that drive along a row of which each hears eight."""
+    """Return a single robot, or a few, that drive along a row with eight robots in range."""
     chance = np.random.default_rng([seed, 4])
     n, step_m, row = (1 if seed % 2 else 3), 2 * RANGE_M / (8 + 2 * (f_max - 1)), 40 + 8 * f_max
     off = np.column_stack([RANGE_M + chance.uniform(-10, 10, n), 12 + chance.uniform(-10, 10, n)])
@@ -94,7 +94,7 @@ def convoy(f_max: int, seed: int, speed_mps: float) -> Layout:
 
 
 def carousel(f_max: int, seed: int, speed_mps: float) -> Layout:
-    """Two rings that turn against each other."""
+    """Return two rings of robots that turn against each other."""
     chance = np.random.default_rng([seed, 5])
     n = 3 * f_max + 6
     radius_m, sign = np.repeat([0.9 * RANGE_M, 0.7 * RANGE_M], n), np.repeat([1.0, -1.0], n)
@@ -108,7 +108,7 @@ def carousel(f_max: int, seed: int, speed_mps: float) -> Layout:
 
 
 def waypoints(f_max: int, seed: int, speed_mps: float) -> Layout:
-    """Robots that drive from one random place to the next."""
+    """Return robots that drive from one random position to the next."""
     chance = np.random.default_rng([seed, 6])
     n, side_m = 10 * (f_max + 2), 2.6 * RANGE_M
     place, goal = chance.uniform(0, side_m, (n, 2)), chance.uniform(0, side_m, (n, 2))
@@ -136,7 +136,7 @@ LAYOUTS: dict[str, Callable[[int, int, float], Layout]] = {
 
 
 def drive(run: Run, layout: Layout, until_s: float) -> None:
-    """Advance a run, its robots where the layout has them."""
+    """Advance a run while moving its robots along the layout."""
     world, n = run.world, len(run.ids)
     while run.now_s < until_s:
         t_s = run.now_s

@@ -2,7 +2,7 @@
 
 Outside of tables, code and generated parts: lines of at most 110 characters, sentences of at most 30 words. Everywhere:
 links that lead to a file and a heading, and no word that the glossary has under "not". ALLOWED has the exceptions: so
-many faults at most. Records of decisions keep their words.
+many faults at most. Retired words are allowed in decision records.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def prose(text: str) -> str:
 
 
 def is_table(line: str) -> bool:
-    """Tell whether a line is a table's row, a picture or HTML."""
+    """Return whether a line is a table's row, a picture or HTML."""
     return line.lstrip().startswith(("|", "![", "<"))
 
 
@@ -85,7 +85,7 @@ def paragraphs(text: str) -> Iterator[tuple[int, str]]:
 
 
 def words(sentence: str) -> int:
-    """Return how many words a reader reads; code in backticks counts as one, an address as none."""
+    """Count words; code in backticks counts as one, an address as none."""
     plain = re.sub(r"`[^`]*`", "CODE", ADDRESS.sub("]", sentence))
     return len(re.findall(r"[^\W_][\w'./-]*", plain))
 
@@ -103,13 +103,13 @@ def anchors(page: Path) -> set[str]:
 
 
 def synonyms() -> dict[str, str]:
-    """Return the words that gave way, each with the glossary's term."""
+    """Return the retired words, each with the glossary's term."""
     rows = [re.split(r" \|", line[2:]) for line in GLOSSARY.read_text().splitlines() if line.startswith("| ")]
     return {word.strip(): row[0] for row in rows[1:] for word in row[2].split(",") if word.strip() not in {"", "not"}}
 
 
 def retired_words(line: str) -> Iterator[str]:
-    """Yield a complaint for each word of a line that gave way to one of the glossary."""
+    """Yield a fault for each retired word of a line."""
     plain = re.sub(r"`[^`]*`|^:::.*", "", ADDRESS.sub("]", line))
     for word, term in SYNONYMS.items():
         if re.search(rf"(?<![\w-])({re.escape(word)}|{re.escape(word[0].upper() + word[1:])})s?(?![\w-])", plain):
@@ -120,7 +120,7 @@ SYNONYMS = synonyms()
 
 
 def faults_of_line(page: Path, line: str) -> Iterator[str]:
-    """Yield what is wrong in a line: its length, its links, its words."""
+    """Yield the faults of a line: length, links, words."""
     if not is_table(line) and (length := len(ADDRESS.sub("]", line))) > LINE_CHARACTERS:
         yield f"line of {length} characters, at most {LINE_CHARACTERS}"
     for target in LINK.findall(line):
@@ -135,7 +135,7 @@ def faults_of_line(page: Path, line: str) -> Iterator[str]:
 
 
 def faults(page: Path, text: str) -> Iterator[tuple[int, str]]:
-    """Yield what is wrong in a page: the line's number, and what."""
+    """Yield the faults of a page, each with its line number."""
     plain = prose(text)
     for number, line in enumerate(plain.splitlines(), 1):
         yield from ((number, what) for what in faults_of_line(page, line))

@@ -1,14 +1,14 @@
-"""How many missions are lived to their end, and whether anything believed on the way was false: a row a run, a table.
+"""Run missions in many buildings and count completed missions, false fixes and false decodes.
 
     python scripts/mission_completion.py [WHERE...] [--profile paper,sealed] [--noise stage,fixed,step]
                                          [--people 0,3] [--seeds 10] [--csv out/missions.csv] [--table]
 
 WHERE is a built-in map, one of tests/data/maps, a YAML file, `drawn:7`, or buildings from one seed to another:
-`drawn:0-199`, `drawn:flat:0-9`. The mission is what `phalanx mission build --map` makes. A built-in mission is lived in
-its own map. Without WHERE it is the long form of `make bench`: seven maps, and 200 drawn buildings; that takes hours.
+`drawn:0-199`, `drawn:flat:0-9`. The mission is that of `phalanx mission build --map`. A built-in mission runs in its
+own map. Without WHERE, seven maps and 200 drawn buildings run, as in the long form of `make bench`; that takes hours.
 
-Each run is appended to the CSV when it is over, and is not lived again: call it again after Ctrl-C, and it goes on.
-After a change of the robot begin another file. Ends with 1 if a fix or a decoded node was false.
+Each finished run is appended to the CSV and is not repeated: after Ctrl-C, the same command continues. Begin another
+file after a change of the robot's code. The exit code is 1 if a fix or a decoded node was false.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ MAPS = (
 DRAWN = "drawn:0-199"
 SIGMAS = "0.03,0.05"
 DENIED_KEPT = 6
-# Robots of many seeds try the same; each must take an scrypt of its own, but need not here. 200 bytes each.
+# Robots of many seeds try the same keys: results of scrypt are cached here, 200 bytes each.
 sealed.scrypt = lru_cache(maxsize=1 << 18)(sealed.scrypt)
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run: what decides it."""
+    """Parameters of one run."""
 
     where: str
     profile: str
@@ -67,7 +67,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Row(Case):
-    """What became of it."""
+    """Result of one run."""
 
     completed: int
     decoded: int
@@ -75,12 +75,12 @@ class Row(Case):
     false_fixes: int
     false_decodes: int
     pose_error_m: float  # the worst
-    odometry_error_m: float  # likewise
+    odometry_error_m: float  # the worst
     t_s: float
     limit_s: float
     end: str  # why it did not complete, or ""
-    not_validated: str  # how often, for each reason
-    denied: str  # the first things that were false: when, what, why
+    not_validated: str  # reason -> count
+    denied: str  # the first false fixes and nodes: time, kind, reason
     digest: str
     wall_s: float
 
@@ -94,13 +94,13 @@ def words() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--csv", type=Path, default=Path("out/missions.csv"))
-    parser.add_argument("--table", action="store_true", help="of what is in the CSV; nothing is lived")
+    parser.add_argument("--table", action="store_true", help="print the table of the CSV without running anything")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     return parser.parse_args()
 
 
 def cases_of(said: argparse.Namespace) -> list[Case]:
-    """All runs that are asked for: one seed of all, those of a building together; then the next. Raises: UsageError."""
+    """Return all requested runs, by seed and then by building. Raises: UsageError."""
     if not said.where:
         seeds = range(said.first, said.first + max(10, said.seeds))
         maps = product(seeds, MAPS, ("paper", "sealed"), ("stage", "fixed", "step"), (0, 3))
@@ -119,7 +119,7 @@ def cases_of(said: argparse.Namespace) -> list[Case]:
 
 
 def wheres_of(names: Iterable[str]) -> Iterator[str]:
-    """Each building by its own name."""
+    """Return the building names, with ranges expanded."""
     for name in names:
         drawn = re.fullmatch(r"(drawn:(?:[a-z]+:)?)(\d+)-(\d+)", name)
         if drawn:
@@ -130,7 +130,7 @@ def wheres_of(names: Iterable[str]) -> Iterator[str]:
 
 @lru_cache(maxsize=64)
 def mission_in(where: str) -> tuple[Mission, FloorPlan]:
-    """What robots are to do there, and the building. Raises: UsageError: there is no mission."""
+    """Return the mission of a building, and the building. Raises: UsageError: there is no mission."""
     if where in built_in("missions"):
         plain = read_plain(where)
         return plain, load_floorplan(plain.floor_plan)
@@ -143,7 +143,7 @@ def mission_in(where: str) -> tuple[Mission, FloorPlan]:
 
 @lru_cache(maxsize=64)
 def orders(where: str, profile: str) -> tuple[Orders, float]:
-    """What robots are given there, and in how many seconds it can be done. Raises: UsageError: there is no mission."""
+    """Return the encoded mission of a building and its time limit, s. Raises: UsageError: there is no mission."""
     plain, plan = mission_in(where)
     form = Profile[profile.upper()]
     built = build(plain, BuildOptions(profile=form), random.Random(0).randbytes)  # noqa: S311
@@ -151,7 +151,7 @@ def orders(where: str, profile: str) -> tuple[Orders, float]:
 
 
 def lived(case: Case) -> Row:
-    """What became of a run."""
+    """Run a case and return its result."""
     began = time.perf_counter()
 
     def row(**more: object) -> Row:
@@ -181,13 +181,13 @@ def lived(case: Case) -> Row:
 
 
 def first(denied: list[tuple[float, str, str]]) -> list[tuple[float, str, str]]:
-    """All nodes, and the first fixes."""
+    """Return all false nodes and the first false fixes."""
     nodes = [each for each in denied if each[1] != "fix"]
     return sorted([*nodes[:DENIED_KEPT], *[each for each in denied if each[1] == "fix"][:DENIED_KEPT]])
 
 
 def kept(path: Path) -> list[Row]:
-    """The rows of a file; what was begun and not written to its end is cut off. Raises: UsageError: another file."""
+    """Return the rows of a file without an incomplete last one. Raises: UsageError: not such a file."""
     if not path.exists():
         return []
     text = path.read_text(encoding="utf-8")
@@ -197,7 +197,7 @@ def kept(path: Path) -> list[Row]:
     lines = list(csv.reader(text.splitlines()))
     head = [field.name for field in fields(Row)]
     if lines and (lines[0] != head or any(len(line) != len(head) for line in lines)):
-        raise UsageError(f"{path} is no table of missions, or one of another form", "another --csv")
+        raise UsageError(f"{path} is not a table of missions of this version", "use another file for --csv")
     makes = {"str": str, "int": int, "float": float}
     return [
         Row(**{each.name: makes[str(each.type)](cell) for each, cell in zip(fields(Row), line, strict=True)})
@@ -206,13 +206,13 @@ def kept(path: Path) -> list[Row]:
 
 
 def live(cases: list[Case], path: Path, workers: int) -> list[Row]:
-    """The rows of these runs, each written down when it is over; those that were until Ctrl-C."""
+    """Run cases, append each result to the file, and return the results, also after Ctrl-C."""
     rows: list[Row] = []
     path.parent.mkdir(parents=True, exist_ok=True)
     is_new = not path.exists() or not path.stat().st_size
     with (
         path.open("a", encoding="utf-8", newline="") as file,
-        # Ctrl-C is for this process; leaving the block ends the others.
+        # Only this process handles Ctrl-C; leaving the block ends the others.
         get_context("spawn").Pool(workers, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool,
     ):
         table = csv.DictWriter(file, [field.name for field in fields(Row)], lineterminator="\n")
@@ -230,7 +230,7 @@ def live(cases: list[Case], path: Path, workers: int) -> list[Row]:
 
 
 def told(row: Row) -> str:
-    """A run in a line."""
+    """Return a run's result as one line."""
     return (
         f"{row.where} {row.profile} {row.noise} {row.people} people seed {row.seed}: {row.decoded}/{row.nodes} nodes, "
         f"{row.t_s:.0f} of {row.limit_s:.0f} s, {row.false_fixes} false fixes, {row.false_decodes} false decodes, "
@@ -239,7 +239,7 @@ def told(row: Row) -> str:
 
 
 def print_table(rows: list[Row]) -> None:
-    """By building (those that were drawn by their kind), profile, noise and people."""
+    """Print the results by building (drawn ones by kind), profile, noise and people."""
 
     def key(row: Row) -> tuple[str, str, str, int]:
         name = "drawn" if row.where.startswith("drawn:") else row.where
@@ -264,7 +264,7 @@ def print_table(rows: list[Row]) -> None:
 
 
 def main() -> int:
-    """Lives what is asked for and is not yet in the file, and prints the table of it all."""
+    """Run the requested cases that are not in the file yet, and print the table of all."""
     said = words()
     try:
         before, asked = kept(said.csv), cases_of(said)

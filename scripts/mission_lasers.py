@@ -1,13 +1,13 @@
-"""How missions fare on real lasers: the first part of a log is surveyed, the rest is lived by its own odometry.
+"""Run missions on logs of real lasers: survey the first part of a log, and replay the rest with its own odometry.
 
     python scripts/mission_lasers.py LOG... [--surveyed 0.5] [--picture FILE] [--json]
 
 A log is CARMEN's with corrected poses, as those beside https://github.com/acschaefer/ple in data/carmen (gunzip them
-first; they are not ours to pass on). After each scan such a log goes on from the scan's corrected pose, so that what
-lies between is odometry as it was. How wrong that is on the whole is measured in the surveyed part, and told the robot;
-so is how close things stand there that look the same, since nobody knows what stands where the survey was not.
+first; they are not ours to pass on). After each scan such a log continues from the scan's corrected pose, so that the
+motion between scans is the original odometry. Its error is measured in the surveyed part, and given to the robot; so is
+the distance of similar landmarks there, as nothing is known about the unsurveyed part.
 
-A fix is false as `phalanx.world.missions.truth` has it, by the corrected pose. Ends with 1 if any was.
+A fix is judged by `phalanx.world.missions.truth` against the corrected pose. The exit code is 1 if any was false.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ KINDS = ("doorway", "corner_convex", "concave_left", "concave_right")
 SAME_M, SAME_RAD = 0.2, math.radians(15)
 STEADY_M = 0.8  # a landmark of the map was seen from two places so far apart
 APART_M = 0.25
-AROUND_M = 2.0  # what stands so near to another is counted
+AROUND_M = 2.0  # landmarks within this distance are counted
 CELL_MM, TOLERANCE_M, TRIES = 400, 4.0, 2_000_000
-SURE = 0.6  # of what one landmark tells: seen twice it errs twice the same way
+SURE = 0.6  # of one landmark: repeated sightings have the same error
 FAR_M = 20.0  # a scanner's word for a miss is more
 SCANNER = ExtractionConfig(door_min_m=0.7, feature_range_m=8.0).for_noise(0.015)
 SHORTEST_M = 0.05
@@ -63,7 +63,7 @@ SHORTEST_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A scan, where it was taken, and how odometry says the robot came there from the scan before."""
+    """A scan, its corrected pose, and the odometry since the scan before."""
 
     pose: Pose
     moved: Pose  # in the frame of the scan before
@@ -72,21 +72,21 @@ class Sample:
 
 @dataclass(slots=True)
 class Found:
-    """Something that was seen in one place, once or more."""
+    """A landmark with all sightings of it."""
 
     landmark: Landmark
     places: list[tuple[float, float]]  # of the scanner
-    off: list[Pose] = field(default_factory=list)  # each sight from those before: metres, metres, radians
+    off: list[Pose] = field(default_factory=list)  # difference of each sighting from earlier ones: m, m, rad
 
     @property
     def is_steady(self) -> bool:
-        """Whether it is seen there from places far apart: the edge of what hides behind something moves along."""
+        """Return whether it was seen from distant positions: an occlusion edge would move with the robot."""
         return any(math.dist(self.places[0], place) >= STEADY_M for place in self.places)
 
 
 @dataclass(slots=True)
 class Lived:
-    """What became of the rest of a log."""
+    """Result of the replayed part of a log."""
 
     scans: int = 0
     way_m: float = 0.0
@@ -100,7 +100,7 @@ class Lived:
     path: list[tuple[Pose, Pose, Pose]] = field(default_factory=list)  # true, believed, by odometry alone
 
     def row(self, name: str) -> dict[str, object]:
-        """The figures."""
+        """Return the results as a dictionary."""
         half, most = np.quantile(self.errors_m, (0.5, 1.0))
         return {
             "log": name,
@@ -118,19 +118,19 @@ class Lived:
 
 
 def seen_from(pose: Pose, other: Pose) -> Pose:
-    """A pose in the frame of another."""
+    """Return a pose in the frame of another one."""
     dx, dy, (sine, cosine) = other[0] - pose[0], other[1] - pose[1], (math.sin(pose[2]), math.cos(pose[2]))
     return cosine * dx + sine * dy, cosine * dy - sine * dx, math.remainder(other[2] - pose[2], math.tau)
 
 
 def after(pose: Pose, step: Pose) -> Pose:
-    """A pose, and a step in its frame."""
+    """Return a pose moved by a step in its own frame."""
     sine, cosine = math.sin(pose[2]), math.cos(pose[2])
     return pose[0] + cosine * step[0] - sine * step[1], pose[1] + sine * step[0] + cosine * step[1], pose[2] + step[2]
 
 
 def read(path: Path) -> list[Sample]:
-    """The scans of a log. Raises: SystemExit: it has none, or a line is none of CARMEN's."""
+    """Return the scans of a log. Raises: SystemExit: it has none, or a line is not CARMEN's."""
     samples: list[Sample] = []
     step, before = (0.0, 0.0, 0.0), None
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
@@ -155,7 +155,7 @@ def read(path: Path) -> list[Sample]:
 
 
 def scan_of(ranges_m: np.ndarray) -> LaserScan:
-    """A scan over half a turn; an odd number of beams has one at either end."""
+    """Return a scan over half a turn; an odd number of beams has one at either end."""
     count = len(ranges_m)
     step = math.pi / (count - count % 2)
     first = -math.pi / 2 + (0.0 if count % 2 else step / 2)
@@ -163,10 +163,10 @@ def scan_of(ranges_m: np.ndarray) -> LaserScan:
 
 
 def survey(name: str, samples: list[Sample], start: Pose) -> tuple[Mission, MissionConfig]:
-    """A mission to find what stood in one place in several scans, in any order; and what the survey tells of robots.
+    """Return a mission to find, in any order, the landmarks seen in several scans, and the robot's configuration.
 
-    Of a landmark the mission says how far the next thing is that was seen and looks the same. What stands where the
-    survey was not, nobody knows; so robots are told how close such things stood where it was.
+    For each landmark the mission states the distance to the next similar one. For the unsurveyed part, robots use the
+    distances of similar landmarks in the surveyed part.
     """
     found: list[Found] = []
     for sample in samples:
@@ -191,7 +191,7 @@ def survey(name: str, samples: list[Sample], start: Pose) -> tuple[Mission, Miss
 
 
 def density(landmarks: list[Landmark]) -> float:
-    """How many things that look like one of these stand around it, for each square metre."""
+    """Return how many similar landmarks stand around these, per square metre."""
     count = 0
     for each in landmarks:
         for other in landmarks:
@@ -202,18 +202,18 @@ def density(landmarks: list[Landmark]) -> float:
 
 
 def turn_between(truth: Landmark, observed: Landmark) -> float:
-    """By how much what was observed must be turned to be as the true one; NaN without an orientation."""
+    """Return the rotation from the observed to the true orientation, rad; NaN without one."""
     turns = number_or_nan(truth.orientation_rad), number_or_nan(observed.orientation_rad)
     return float(rotation_between(*turns, truth.type in HALF_TURN_TYPES))
 
 
 def looks_like(one: Landmark, other: Landmark, turned_rad: float) -> bool:
-    """Whether two things are of one kind and turned alike."""
+    """Return whether two landmarks have the same kind and orientation."""
     return one.type == other.type and abs(turn_between(other, one)) < turned_rad
 
 
 def add(found: list[Found], landmark: Landmark, pose: Pose) -> None:
-    """One more sight of a landmark: of one that is known, whose place is the mean of all, or of a new one."""
+    """Add a sighting to a known landmark, whose position is the mean of all sightings, or begin a new one."""
     for each in found:
         known = each.landmark
         if (
@@ -235,7 +235,7 @@ def add(found: list[Found], landmark: Landmark, pose: Pose) -> None:
 
 
 def measured(samples: list[Sample]) -> MissionConfig:
-    """How wrong odometry may be, by the part of the log that was surveyed: what is always so, and what by chance."""
+    """Return the systematic and the random error of odometry in the surveyed part."""
     least = MissionConfig(timeout_s=1e6, tolerance_m=TOLERANCE_M, hash_tries=TRIES)
     pairs = [(seen_from(a.pose, b.pose), b.moved) for a, b in pairwise(samples)]
     ways = np.array([max(math.hypot(*told[:2]), SHORTEST_M) for _, told in pairs])
@@ -258,7 +258,7 @@ def measured(samples: list[Sample]) -> MissionConfig:
 
 
 def shares(one: np.ndarray, other: np.ndarray, of: np.ndarray) -> tuple[float, float]:
-    """How much of the third each of the two causes, for one of it; neither takes any away."""
+    """Return the non-negative least-squares weights of two columns for the third."""
     rates, *_ = np.linalg.lstsq(np.column_stack([one, other]), of)
     if rates[0] < 0:
         return 0.0, float(of.mean() / other.mean())
@@ -266,7 +266,7 @@ def shares(one: np.ndarray, other: np.ndarray, of: np.ndarray) -> tuple[float, f
 
 
 def steps_of(samples: list[Sample]) -> Iterator[tuple[Sample, Pose, Pose, float]]:
-    """Each sample with where odometry, which begins at 0, 0, 0, was before and is now, and with the way so far."""
+    """Yield each sample with the odometry poses before and after it, from (0, 0, 0), and the path length so far."""
     now, travelled_m = (0.0, 0.0, 0.0), 0.0
     for i, sample in enumerate(samples):
         before = now
@@ -276,7 +276,7 @@ def steps_of(samples: list[Sample]) -> Iterator[tuple[Sample, Pose, Pose, float]
 
 
 def live(mission: EncodedMission, config: MissionConfig, samples: list[Sample]) -> Lived:
-    """The rest of a log, as a robot believes it that knows where it began, its wheels and the encoded mission."""
+    """Replay the rest of a log as a robot that knows its start pose, its odometry errors and the encoded mission."""
     lived = Lived(scans=len(samples), landmarks=len(mission.nodes) - 1)
     start = samples[0].pose
     walker, state, belief = Walker(mission, config=config), State(), initial_belief(config, start)
@@ -302,7 +302,7 @@ def live(mission: EncodedMission, config: MissionConfig, samples: list[Sample]) 
 
 
 def draw(lived: dict[str, Lived], out: Path) -> None:
-    """Each log's paths: where robots were, where they believed to be, and by odometry alone."""
+    """Draw each log's paths: true, believed, and by odometry alone."""
     import matplotlib as mpl  # noqa: PLC0415 - only who wants a picture waits for it
 
     mpl.use("Agg")
@@ -337,7 +337,7 @@ def main() -> int:
         try:
             mission, config = survey(path.stem, samples[:first], samples[first].pose)
         except UsageError as error:
-            raise SystemExit(f"error: {path}: no robot could go by this: {error}") from None
+            raise SystemExit(f"error: {path}: no mission can be made of it: {error}") from None
         encoded = build(mission, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)[0].mission  # noqa: S311
         lived[path.stem] = live(encoded, config, samples[first:])
         row = lived[path.stem].row(path.stem)

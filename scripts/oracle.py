@@ -38,7 +38,7 @@ COMMIT_DIGITS = 12
 
 
 def selected(words: list[str], *, quick: bool = False) -> list[Case]:
-    """Return the cases that the words name; all, or all quick ones, without words."""
+    """Return the named cases; without names, all or all quick ones."""
     cases = list(all_cases().values())
     if not words:
         return [case for case in cases if case.is_quick or not quick]
@@ -115,7 +115,7 @@ def check(cases: list[Case]) -> int:
 
 
 class StreamSink:
-    """Prints events as lines: world, time in us, kind, robot, bytes in hexadecimal."""
+    """Sink that prints events as lines: world, time in us, kind, robot, bytes in hexadecimal."""
 
     fine = True
 
@@ -199,7 +199,7 @@ def _lines_of(process: subprocess.Popen[str]) -> Iterator[str]:
 
 
 def told_as_text(line: str, *, whole: bool = False) -> str:
-    """Return a line of a stream for people: time, kind, robot's id, what the bytes mean, the bytes."""
+    """Return an event line in readable form: time, kind, robot's id, decoded fields, bytes."""
     words = line.split(" ")
     if words[0] == "inputs":
         return line

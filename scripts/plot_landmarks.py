@@ -1,4 +1,4 @@
-"""Draws what is found in a floor plan or in scans, for a person to check.
+"""Draw the landmarks of a floor plan or of scans, for a person to check.
 
     python scripts/plot_landmarks.py MAP OUT.png             a built-in map, or a YAML file
     python scripts/plot_landmarks.py SCANS.npz OUT.png       six of the scans, and the counts over time
@@ -28,7 +28,7 @@ REAL_DOORS = ExtractionConfig(door_min_m=0.7)
 
 
 def draw_plan(axes: Axes, plan: FloorPlan) -> None:
-    """A floor plan with its landmarks, every alias of them."""
+    """Draw a floor plan with its landmarks and all their aliases."""
     for x, y, x2, y2 in plan.walls:
         axes.plot([x, x2], [y, y2], "-", color="0.7", lw=1)
     for outline in plan.outlines:
@@ -42,7 +42,7 @@ def draw_plan(axes: Axes, plan: FloorPlan) -> None:
 
 
 def draw_scan(axes: Axes, scan: LaserScan, seen: Features) -> None:
-    """A scan with its features."""
+    """Draw a scan with its features."""
     cosines, sines = scan.beams
     axes.plot(scan.ranges_m * cosines, scan.ranges_m * sines, ".", color="0.6", ms=2)
     for wall in seen.walls:
@@ -56,7 +56,7 @@ def draw_scan(axes: Axes, scan: LaserScan, seen: Features) -> None:
 
 
 def scan_of_csv(path: str) -> LaserScan:
-    """A scan of one turn with beams at odd angles; each is put where an evenly spaced one would be."""
+    """Return a scan of one turn from beams at uneven angles, each moved to the nearest evenly spaced one."""
     rows = np.loadtxt(path, delimiter=",", ndmin=2)
     step_rad = 2 * np.pi / len(rows)
     ranges = np.full(len(rows), np.nan)
@@ -65,7 +65,7 @@ def scan_of_csv(path: str) -> LaserScan:
 
 
 def main() -> None:
-    """Draws what the command line asks for."""
+    """Draw the file that the command line names."""
     if len(sys.argv) != 3:
         sys.exit(__doc__)
     source, out = sys.argv[1:]

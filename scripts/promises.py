@@ -1,19 +1,19 @@
-"""P1 to P4 of docs/promises.md, a run a row: every attack, wherever robots stand, whatever the radio loses.
+"""Check promises P1 to P4 of docs/promises.md in many runs: each attack, layout, packet loss and f_max.
 
     python scripts/promises.py [--attacks spoof,…] [--layouts grid,hub,line,ring,islands,hidden,…] [--f-max 1,2,3,4,5]
                                [--t-audit 2,4,8] [--loss 0,5,20] [--seeds 2] [--csv out/promises.csv] [--table]
 
-The table tells whether these attacks break a promise in these places. It is no sample of attackers: a share of runs
-without a breach is no probability that an attacker who aims has none.
+The table shows whether these attacks break a promise in these layouts. It says nothing about other attackers: the
+share of runs without a breach is not a probability.
 
-Seeds are even and odd: with an even one as many robots lie as the attack takes, with an odd one f_max. Runs come in an
-order drawn by lot, so that a table that was stopped is a sample of it all. Each is appended to the CSV when it is over
-and is not lived again; after a change of the robot begin another file. Ends with 1 if a promise was broken.
+With an even seed, as many robots are compromised as the attack needs; with an odd seed, f_max. Runs come in random
+order, so that an interrupted table is a random sample. Each finished run is appended to the CSV and is not repeated;
+begin another file after a change of the robot's code. The exit code is 1 if a promise was broken.
 
-What is judged. P1: no liar lives on beyond its bound after its first deviation. P2: no correct robot that has a quorum
-is stopped; `jam` saturates the channel and is left out. P3: who lives was vouched for in T_val by so many correct
-robots that with all compromised ones they are f_max + 1: no token comes of anything else. P4: no correct robot's log is
-ever full, and no a-node lets out more AUDIT airtime than its bucket has.
+The checks. P1: no compromised robot stays active beyond its bound after its first deviation. P2: no correct robot with
+a quorum is stopped; `jam` saturates the channel and is left out. P3: each active robot has had, within T_val, tokens of
+so many correct robots that with all compromised ones they are f_max + 1. P4: no correct robot's log is ever full, and
+no a-node sends more AUDIT airtime than its bucket allows.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.world.scenarios.run import Run
 
-# In layouts.py's.
+# Attacks of layouts.py's layouts.
 LIES, NOBODY = {"hidden": "talk-over-replies", "relayed": "relay-hello"}, "nobody"
 LAYOUTS = {"grid": "bti-fig9", "hub": "star-25", "line": "line-25", "ring": "ring-25", "islands": "islands-24"}
-NEAR_M = (150.0, 150.0)  # the grid's goal: at the paper's, lies about the way there have no time to matter
+NEAR_M = (150.0, 150.0)  # the grid's goal: the paper's is too near for false states to have an effect
 SATURATES = {"jam"}
 PAST_THEIR_A_NODE = {"jam", "relay-hello"}
-NEED_THEM = 7  # robots at least beside those of a hub
+NEED_THEM = 7  # least number of other robots in a hub layout
 SHOWN = 40
 OF_A_GRID = "attacks, layouts and numbers are a grid that we chose, which says nothing about other attackers"
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run: what decides it."""
+    """Parameters of one run."""
 
     attack: str
     layout: str
@@ -71,9 +71,9 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Row(Case):
-    """What became of it; the promises are counts of robots for which they were broken."""
+    """Result of one run; p1 to p4 count the robots for which that promise was broken."""
 
-    at_s: float  # from when on liars lie
+    at_s: float  # beginning of the attack
     lasted_s: float
     liars: int
     deviated: int
@@ -82,7 +82,7 @@ class Row(Case):
     p3: int
     p4: int
     without_quorum: int
-    who: str  # of the robots for which a promise was broken, or that had no quorum
+    who: str  # ids of robots for which a promise was broken, or without a quorum
     digest: str
     wall_s: float
 
@@ -93,9 +93,9 @@ PROMISES = ("p1", "p2", "p3", "p4")
 
 
 def scenario_of(case: Case) -> Scenario:
-    """The robots of a case, who lie from somewhere in the first five rounds on, and are watched for long enough.
+    """Return the scenario of a case; the attack begins within the first five rounds, and the run outlasts the bounds.
 
-    T_val is 10 s, and 20 s where rounds come each 8 s.
+    T_val is 10 s, or 20 s with T_audit 8 s.
     """
     t_val_s = _times(case)["t_val_ms"] / 1000
     drawn = hashlib.sha256(repr(case).encode()).digest()[0] / 256
@@ -105,7 +105,7 @@ def scenario_of(case: Case) -> Scenario:
     made = find_scenario(LAYOUTS[case.layout])
     attack = IN_FLOCKS[case.attack]
     liars = case.f_max if case.seed % 2 else attack.liars(case.f_max)
-    # Compromised robots may be all of the hub but f_max + 2: the quorum that P2 takes.
+    # All robots of the hub but f_max + 2, P2's quorum, may be compromised.
     hub = 2 * case.f_max + 2 if case.layout == "hub" else 0
     bti = BtiConfig(**_times(case), f_max=case.f_max)
     return replace(
@@ -115,7 +115,7 @@ def scenario_of(case: Case) -> Scenario:
         goal_m=NEAR_M if case.layout == "grid" else made.goal_m,
         seed=case.seed,
         defence="hardened",
-        duration_s=round(at_s + 2.5 * t_val_s + 1.0, 3),  # a clock of whole microseconds gets there
+        duration_s=round(at_s + 2.5 * t_val_s + 1.0, 3),  # a multiple of the clock's microsecond
         bti=bti,
         n_max=None,
         radio=RadioConfig(loss=case.loss_pct / 100),
@@ -128,9 +128,9 @@ def _times(case: Case) -> dict[str, int]:
 
 
 def _placed(case: Case, bti: BtiConfig, at_s: float) -> Scenario:
-    """Return the run of a case whose robots stand or drive as layouts.py says; some lie in `hidden` and `relayed`."""
+    """Return the run of a case with a layout of layouts.py; `hidden` and `relayed` have compromised robots."""
     liars = {"hidden": case.f_max, "relayed": min(2, case.f_max)}.get(case.layout, 0)
-    # Lists of neighbours may be no longer than P2 wants: distant robots whose HELLO is relayed are not in range.
+    # The neighbour list is no longer than P2 requires: relayed distant robots are not in range.
     n_max = case.f_max + layouts.RELAYED_NEAR - 1 if case.layout == "relayed" and case.seed % 2 else None
     return replace(
         find_scenario("bti-fig9"),
@@ -147,13 +147,13 @@ def _placed(case: Case, bti: BtiConfig, at_s: float) -> Scenario:
 
 
 def layout_of(case: Case) -> layouts.Layout:
-    """Return the layout of a case; robots drive as fast as P2 allows, or with an odd seed two thirds of that."""
+    """Return the layout of a case; robots drive at P2's top speed, or with an odd seed at two thirds of it."""
     speed_mps = layouts.top_speed_mps(case.t_audit_s) * (2 / 3 if case.seed % 2 else 1)
     return layouts.LAYOUTS[case.layout](case.f_max, case.seed, speed_mps)
 
 
 def lived(case: Case) -> Row:
-    """What became of a run."""
+    """Run a case and return its result."""
     began = time.perf_counter()
     made = scenario_of(case)
     run = Run(made)
@@ -196,7 +196,7 @@ def lived(case: Case) -> Row:
 
 
 def is_late(run: Run, liar: Liar, told: dict[str, float | None]) -> bool:
-    """Whether P1 was broken."""
+    """Return whether P1 was broken."""
     deviated_s, safe_s = told["first_deviation_s"], told["safe_mode_s"]
     if deviated_s is None:
         return False
@@ -205,9 +205,9 @@ def is_late(run: Run, liar: Liar, told: dict[str, float | None]) -> bool:
 
 
 def alive_unvouched(run: Run, compromised: frozenset[int], told_of: list[tuple[float, int, int]]) -> set[int]:
-    """Robots that live after their grace, and too few correct ones have found no fault in their logs since.
+    """Return the active robots, after their grace, with tokens of too few correct robots.
 
-    `told_of`, in the order of time, loses what is too old to count ever again.
+    `told_of`, in ascending time, loses entries that are too old to count again.
     """
     bti = run.scenario.bti
     since_s = run.now_s - (bti.t_val_ms + bti.p_check_ms) / 1000
@@ -223,13 +223,13 @@ def alive_unvouched(run: Run, compromised: frozenset[int], told_of: list[tuple[f
 
 
 def over_its_bucket(run: Run, i: int) -> bool:
-    """Whether a robot's a-node has let out more AUDIT frames than it may."""
+    """Return whether a robot's a-node sent more AUDIT airtime than its bucket allows."""
     used = airtime_since(run, i, Sent(0.0, 0.0, 0.0))
     return used.used_s > used.bucket_s
 
 
 def cases_of(said: argparse.Namespace) -> list[Case]:
-    """All runs that are asked for, in an order drawn by lot within each seed. Raises: UsageError: one cannot be."""
+    """Return all requested runs, in random order within each seed. Raises: UsageError: a value is invalid."""
     attacks = said.attacks.split(",") if said.attacks else list(IN_FLOCKS)
     places = said.layouts.split(",")
     for words, known in ((attacks, IN_FLOCKS), (places, {**LAYOUTS, **layouts.LAYOUTS})):
@@ -238,32 +238,32 @@ def cases_of(said: argparse.Namespace) -> list[Case]:
     numbers = [[kind(word) for word in words.split(",")] for kind, words in
                ((int, said.f_max), (float, said.t_audit), (float, said.loss))]  # fmt: skip
     seeds = range(said.first, said.first + said.seeds)
-    # Layouts of their own have an attack of their own, or none.
+    # Layouts of layouts.py have their own attack, or none.
     pairs = {
         (LIES.get(each, NOBODY) if each in layouts.LAYOUTS else name, each) for name, each in product(attacks, places)
     }
     cases = [Case(*pair, *each) for pair in sorted(pairs) for each in product(*numbers, seeds)]
     for case in {replace(case, seed=0) for case in cases}:
         scenario_of(case)
-    # Reversed: its first byte says when liars begin to lie, and a table that was stopped has to be a sample of that.
+    # Reversed: the first byte sets the beginning of the attack, and an interrupted table must be a sample of that.
     return sorted(cases, key=lambda case: (case.seed // 2, hashlib.sha256(repr(case).encode()).digest()[::-1]))
 
 
 def rows_in(file: TableFile) -> list[Row]:
-    """Those that were there."""
+    """Return the rows of a file."""
     return [Row(*(kind(word) for kind, word in zip(COLUMNS.values(), words, strict=True)))
             for _, words in file.table.lines]  # fmt: skip
 
 
 def case_of(row: Row) -> Case:
-    """The run that it tells of."""
+    """Return the parameters of a row."""
     return Case(*(getattr(row, field.name) for field in fields(Case)))
 
 
 def live(cases: list[Case], file: TableFile, workers: int) -> list[Row]:
-    """The rows of these runs, each written down when it is over; those that were until Ctrl-C."""
+    """Run cases, append each result to the file, and return the results, also after Ctrl-C."""
     rows: list[Row] = []
-    # Ctrl-C is for this process; leaving the block ends the others.
+    # Only this process handles Ctrl-C; leaving the block ends the others.
     with get_context("spawn").Pool(workers, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
         try:
             for row in pool.imap_unordered(lived, cases):
@@ -278,7 +278,7 @@ def live(cases: list[Case], file: TableFile, workers: int) -> list[Row]:
 
 
 def told(row: Row) -> str:
-    """A run in a line."""
+    """Return a run's result as one line."""
     return (
         f"{row.attack} {row.layout} f_max {row.f_max} T_audit {row.t_audit_s:g} s loss {row.loss_pct:g} % "
         f"seed {row.seed}, {row.liars} from {row.at_s:g} s: {row.who}"
@@ -286,7 +286,7 @@ def told(row: Row) -> str:
 
 
 def print_table(rows: list[Row]) -> bool:
-    """By each thing that was varied; whether a promise was broken."""
+    """Print the results by each parameter; return whether a promise was broken."""
     for name in ("layout", "f_max", "t_audit_s", "loss_pct", "liars", "attack"):
         print(
             f"\n{name:18}{'runs':>7}{'P1':>5}{'P2':>5}{'P3':>5}{'P4':>5}{'no quorum':>11}  runs in which it was broken"
@@ -306,17 +306,17 @@ def print_table(rows: list[Row]) -> bool:
 
 
 def main() -> int:
-    """Lives what is asked for and is not yet in the file, and prints the table of it all."""
+    """Run the requested cases that are not in the file yet, and print the table of all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--attacks", help="names, with commas between; all")
+    parser.add_argument("--attacks", help="names, separated by commas [all]")
     parser.add_argument("--layouts", default=",".join((*LAYOUTS, *layouts.LAYOUTS)))
     parser.add_argument("--f-max", default="1,2,3,4,5")
     parser.add_argument("--t-audit", default="2,4,8", help="seconds")
-    parser.add_argument("--loss", default="0,5,20", help="of receptions, percent")
+    parser.add_argument("--loss", default="0,5,20", help="lost receptions, percent")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--csv", type=Path, default=Path("out/promises.csv"))
-    parser.add_argument("--table", action="store_true", help="of what is in the CSV; nothing is lived")
+    parser.add_argument("--table", action="store_true", help="print the table of the CSV without running anything")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     said = parser.parse_args()
     try:

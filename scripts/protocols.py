@@ -1,7 +1,7 @@
-"""The picture and the table of docs/guides/protocols.md, made again: python scripts/protocols.py [NAME …]
+"""Make the pictures and tables of docs/guides/protocols.md again: python scripts/protocols.py [NAME …]
 
-Of each protocol its own lie and a few that others are told too, from 15 s on, under each defence, beside the same run
-without; the picture is where robots drove with the lie, unprotected and protected.
+Each protocol runs with its own attack and a few general ones, from 15 s on, under each defence, beside the same run
+without an attack. The picture shows the robots' paths under the protocol's own attack, unprotected and protected.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ END_S, STEP_S = 90.0, 0.5
 
 @cache
 def lived(name: str, defence: str, attack: str) -> tuple[Run, list[list[list[float]]]]:
-    """The run at its end, and where everybody was on the way; no attack is none."""
+    """Run a protocol; return the finished run and all robots' paths. An empty attack name means no attack."""
     attacks = (AttackSpec(name=attack),) if attack else ()
     run = Run(replace(find_scenario(name), defence=defence, attacks=attacks, duration_s=END_S))
     ways = []
@@ -41,7 +41,7 @@ def lived(name: str, defence: str, attack: str) -> tuple[Run, list[list[list[flo
 
 
 def cell(name: str, defence: str, attack: str) -> str:
-    """What is lost to others, and when the liar was stopped."""
+    """Return a table cell: the score lost by others, and when the compromised robot was stopped."""
     (run, _), (beside, _) = lived(name, defence, attack), lived(name, defence, "")
     assert run.stage
     assert beside.stage
@@ -55,7 +55,7 @@ def cell(name: str, defence: str, attack: str) -> str:
 
 
 def draw(name: str, lie: str) -> None:
-    """Ways of a run without a defence and of one with, side by side."""
+    """Draw the paths of a run without a defence and of one with it, side by side."""
     picture = Figure(figsize=(10, 5))
     for axes, defence in zip(picture.subplots(1, 2, sharex=True, sharey=True), ("none", "hardened"), strict=True):
         run, ways = lived(name, defence, lie)

@@ -2,7 +2,8 @@
 
     python scripts/sample_names.py [--seed 32] [--count 60] > tests/data/name_sample.csv
 
-A reader writes what each name does. Fewer than 54 of 60 right: the others are renamed, and a new sample is drawn.
+Each reader explains what each name does. If fewer than 54 of 60 explanations are right, rename the others and draw a
+new sample.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def documented() -> Iterator[tuple[str, str, str]]:
 
 
 def main() -> None:
-    """Print the sample as CSV; the last two columns are the reader's and the judge's."""
+    """Print the sample as CSV; the last two columns are for the explanation and its judgement."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=32)
     parser.add_argument("--count", type=int, default=60)

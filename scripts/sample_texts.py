@@ -2,8 +2,8 @@
 
     PYTHONPATH=src:. python scripts/sample_texts.py [--seed 1] [--count 60] > tests/data/text_sample.csv
 
-As many of each kind: paragraphs of documents, help of commands, messages in Python, words of the pages. A reader writes
-what each means. Fewer than 54 of 60 right: the others are rewritten, and a new sample is drawn.
+Equally many of each kind: paragraphs of documents, help of commands, messages in Python, texts of the pages. Each
+reader explains each text. If fewer than 54 of 60 explanations are right, rewrite the others and draw a new sample.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Texts = Iterator[tuple[str, str]]
 
 
 def is_text(text: str) -> bool:
-    """Tell whether a string is long enough to be a sentence, and of words."""
+    """Return whether a string has enough words to be a sentence."""
     return len(WORDS.findall(text)) >= LEAST_WORDS and "_" not in re.sub("`[^`]*`|f_max|n_max|T_[a-z]+", "", text)
 
 
@@ -56,7 +56,7 @@ def helps(command: click.Command = phalanx, path: str = "phalanx") -> Texts:
 
 
 def messages() -> Texts:
-    """Yield the strings of errors, hints and log lines; a value that a message has is shown as {}."""
+    """Yield the strings of errors, hints and log lines, with {} for each value."""
     for path in sorted((ROOT / "src" / "phalanx").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             is_error = isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
@@ -89,7 +89,7 @@ KINDS: tuple[Callable[[], Texts], ...] = (documents, helps, messages, pages)
 
 
 def main() -> None:
-    """Print the sample as CSV; the last column is the readers'."""
+    """Print the sample as CSV; the last column is for the readers."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=60)

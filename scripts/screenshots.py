@@ -1,4 +1,4 @@
-"""Takes the pictures of the pages in docs/img from a running gateway: `python scripts/screenshots.py`."""
+"""Take the pictures of the pages in docs/img from a running gateway: `python scripts/screenshots.py`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LIAR = "Fay"
 
 
 async def next_event(lines: StreamReader, kind: str) -> dict[str, object]:
-    """The gateway's next event of this kind."""
+    """Return the gateway's next event of this kind."""
     while True:
         event: dict[str, object] = json.loads(await lines.readline())
         if event["event"] == kind:
@@ -25,7 +25,7 @@ async def next_event(lines: StreamReader, kind: str) -> dict[str, object]:
 
 
 async def main() -> None:
-    """One gateway, robots on patrol, one of them compromised; a phone and an operator's screen."""
+    """Photograph a phone and the operator's page while robots patrol and one of them is compromised."""
     gateway = await asyncio.create_subprocess_exec(*GATEWAY, stdout=asyncio.subprocess.PIPE)
     assert gateway.stdout is not None
     ready = await next_event(gateway.stdout, "ready")

@@ -22,7 +22,7 @@ from commands import called, child
 from dotbot_controller import HELLO, RECORDED, SNAPSHOT, A, B, C, Controller
 from phalanx.bridges.dotbots import DotbotSwarm, parse_dotbot_url
 from phalanx.bridges.dotbots.line import REFUSALS, Orders, _hear_refusals
-from phalanx.bridges.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
+from phalanx.bridges.dotbots.stream import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
 from phalanx.daemon.driver import NoReading, make_driver
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import BadPayload, Held, Unavailable, Unknown, UsageError
@@ -289,14 +289,14 @@ class TestSwarm:
             swarm.__enter__()
             assert time.time() - one(swarm, A).heard_at_s < 1
         try:
-            wait_until(lambda: "lost the controller" in caplog.text)
+            wait_until(lambda: "lost the connection" in caplog.text)
             heard_at_s = one(swarm, A).heard_at_s
             with pytest.raises(Unknown):
                 swarm.drive(A, 50, 50)
             swarm.stop(A)
             assert one(swarm, A).heard_at_s == heard_at_s, "they are quiet, and soon lost"
             with Controller(port=controller.port) as again:
-                wait_until(lambda: "is back" in caplog.text)
+                wait_until(lambda: "connected to" in caplog.text)
                 wait_until(lambda: stops(again.heard) == ["move_raw", "waypoints"])
                 assert one(swarm, A).heard_at_s > heard_at_s
         finally:
@@ -308,14 +308,14 @@ class TestSwarm:
     def test_a_controller_that_says_nonsense_is_left_and_tried_again(self, said, caplog):
         with a_swarm() as (controller, swarm):
             controller.say(said)
-            wait_until(lambda: controller.visits == 2 and "is back" in caplog.text)
-            assert "would not: " in caplog.text
+            wait_until(lambda: controller.visits == 2 and "connected to" in caplog.text)
+            assert "not the protocol of" in caplog.text
             assert len(swarm.robots()) == 3
 
     def test_a_refusal_is_said(self, caplog):
         with a_swarm() as (_, swarm):
             swarm.follow(A, [Point(-1.0, 5.0)], 50.0)
-            wait_until(lambda: "refused an order" in caplog.text)
+            wait_until(lambda: "refused a command" in caplog.text)
 
     @pytest.mark.parametrize(
         ("begins", "trouble"),
@@ -354,7 +354,7 @@ class TestUp:
         code, out, err = phalanx("up", "--swarm", f"dotbot://{host}:{free_port()}", "--wait", "0.3")
         *warning, error, hint = err.splitlines()
         assert (code, out) == (1, "")
-        assert "no controller of DotBots" in error
+        assert "no DotBot controller" in error
         assert "Connection refused" in error
         assert "dotbot run controller" in hint
         assert [("its API has no login" in line) for line in warning] == [True] * (host != "127.0.0.1")
@@ -401,7 +401,7 @@ class TestDriver:
                 {"red": 1, "green": 2, "blue": 3}
             ], "the light is told when it changes"
             controller.say(json.loads(delta(status=1)))
-            with pytest.raises(NoReading, match="has not heard of it"):
+            with pytest.raises(NoReading, match="has not heard from this robot"):
                 while True:
                     asyncio.run(hardware.sense(8, 1.0))
             hardware.stop()

@@ -93,7 +93,7 @@ def test_who_hears_no_scans_stands_and_goes_on_when_there_are_some(folder, build
     line = walk.stderr.readline()
     while "decoded" in line:  # what was under way
         line = walk.stderr.readline()
-    assert "the robot stands: nothing comes on /r1/scan" in line
+    assert "the robot is waiting: no messages on /r1/scan" in line
     robot.send_signal(signal.SIGCONT)
     while "decoded" not in (line := walk.stderr.readline()):
         assert line, "it goes on"

@@ -1,4 +1,4 @@
-"""The attacks: what each is (library.py), and who carries it out: the same robot, lying, in one class each."""
+"""Attacks on the shields: a table of all of them (library.py), and one class for the compromised robot of each."""
 
 from phalanx.robot.adversary.attack import Attack, own_attack
 

@@ -1,4 +1,4 @@
-"""Too many requests, packets and neighbours; and talk at the moment at which others ask for audits or say HELLO."""
+"""Attacks on the radio channel: floods of requests, packets and neighbours, and jamming at chosen moments."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .claims import INVENTED
 from .hijack import RefuseToAudit
 
 GHOSTS = 400
-NOISE = 0x7D  # the kind of an AUDIT packet that means nothing
+NOISE = 0x7D  # kind of an AUDIT packet that receivers ignore
 
 
 class Flood(Liar, ABC):
-    """Leaves room for its own audits, which it means to pass."""
+    """Base of floods that pause around their own audits, which they intend to pass."""
 
-    QUIET_MS: ClassVar[tuple[int, int]] = (20, 200)  # before a round of its own, and from its beginning on
-    # Whether `hardened` has a limit for it, which its own audits share: then it pours when it has its tokens, until so
-    # much of the round is over. In the rest the bucket fills again.
+    QUIET_MS: ClassVar[tuple[int, int]] = (20, 200)  # before its own round begins, and after
+    # Whether `hardened` limits this traffic together with the robot's own audits. If so, the robot floods once it has
+    # its tokens, until the fraction POURED of the round is over; then the bucket refills.
     SHARES: ClassVar[bool] = True
     POURED: ClassVar[float] = 0.8
     _round_ms = 0
@@ -52,15 +52,15 @@ class Flood(Liar, ABC):
 
     @abstractmethod
     def send_more(self, now_ms: int) -> list[Action]:
-        """Send more of it."""
+        """Return the packets to send now."""
 
 
 class RequestFlood(Flood):
-    """Uses up what auditors will do for others: malformed requests, in their names where an a-node lets it."""
+    """Use up auditors' time with malformed requests, sent in other robots' names where the a-node allows it."""
 
     period_ms = 4
 
-    POURED = 0.5  # after that it would keep its own true requests from being taken
+    POURED = 0.5  # later packets would make auditors reject its own valid requests
     _turn = 0
 
     def __init__(self, *args: Any, **more: Any) -> None:
@@ -68,7 +68,7 @@ class RequestFlood(Flood):
         self._asked_ms: dict[int, int] = {}
 
     def send_more(self, now_ms: int) -> list[Action]:
-        """Tell the next auditor of the next victim; under its own name only, no more than are looked at."""
+        """Send the next auditor a request for the next victim; in `hardened` at most one per T_audit / 2."""
         others = self.others()
         if len(others) < 2:
             return []
@@ -84,14 +84,14 @@ class RequestFlood(Flood):
 
 
 class FrameFlood(Flood):
-    """As many and as long AUDIT packets as its a-node lets out, for nobody."""
+    """Send as many and as long AUDIT packets as the a-node allows, to an address that no robot has."""
 
     period_ms = 2
 
-    TRIED_MS: ClassVar[int] = 30  # so long the radio tries; what comes meanwhile it throws away, and the bucket counts
+    TRIED_MS: ClassVar[int] = 30  # the radio retries for so long and drops other packets, which the bucket counts
 
     def send_more(self, now_ms: int) -> list[Action]:
-        """Send to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
+        """Broadcast; in `hardened`, send to an unused address, so that the radio retries."""
         hardened = self.profile == HARDENED
         if hardened:
             self.period_ms = self.TRIED_MS
@@ -103,7 +103,7 @@ class FrameFlood(Flood):
 
 
 class CovertTalk(Flood):
-    """Talks to a colluding robot in AUDIT packets, which no log shows."""
+    """Exchange data with a colluding robot in AUDIT packets, which are not logged."""
 
     period_ms = 2
 
@@ -115,7 +115,7 @@ class CovertTalk(Flood):
 
 
 class LogFlood(Liar):
-    """Says at length what means nothing: who hears it has to log it, and to show it to auditors."""
+    """Broadcast long meaningless packets: each receiver must log them and show them to auditors."""
 
     period_ms = 20
 
@@ -127,9 +127,9 @@ class LogFlood(Liar):
 
 
 class LongFrames(RefuseToAudit):
-    """Says what means nothing in the packets that fill others' logs most: as long as four states' airtime allows.
+    """Fill receivers' logs with the longest broadcasts that fit into the airtime of four states.
 
-    A hole of ours, closed in config/bti.py.
+    This once stopped correct robots; config/bti.py has the defence.
     """
 
     period_ms = 10
@@ -141,7 +141,7 @@ class LongFrames(RefuseToAudit):
 
 
 class GhostAuditors(Liar):
-    """Fills its neighbours' tables with robots that are not there: whoever asks one of them for an audit asks in vain.
+    """Fill neighbours' tables with invented robots, so that they send audit requests that nobody answers.
 
     Source: docs/spec/rebound.md (ghost auditors).
     """
@@ -149,13 +149,13 @@ class GhostAuditors(Liar):
     period_ms = 5
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Claim one more ghost, far enough away to be in nobody's way."""
+        """Claim the state of one more invented robot, far away from all real ones."""
         name = INVENTED + int(self.plan.chance.integers(GHOSTS))
         return self.claim_motion(now_ms, name, (900.0, -900.0, 0.0, 0.0))
 
 
 class Jam(Flood):
-    """Somebody's transmitter, beside the robots' radios: it asks no a-node."""
+    """Jam the channel with a transmitter that no a-node controls."""
 
     period_ms = 2
 
@@ -172,45 +172,45 @@ def audit_packet(src: int, dst: int, sub: int, rest: bytes) -> bytes:
 
 
 def talk(liar: Liar, now_ms: int, packets: int, noise: bytes = b"") -> list[Action]:
-    """Send short AUDIT packets to everybody, which no log shows."""
+    """Broadcast short AUDIT packets, which are not logged."""
     noise = noise or audit_packet(liar.id, 0, NOISE, b"")
     return liar.count([action for _ in range(packets) for action in liar.send(now_ms, noise, EVERYBODY)])
 
 
 def begin_request(liar: Liar, now_ms: int, auditor: int) -> list[Action]:
-    """Send the last of two fragments of a request that never ends."""
+    """Send the second of two fragments of a request, and never the first."""
     packet = AUDIT_FRAGMENT.encode(src=liar.id, dst=auditor, request=0, index=1, count=2, bytes=b"\0")
     return liar.count(liar.send(now_ms, packet, auditor))
 
 
 class TalkOver(Liar):
-    """Talks while a robot that it does not hear asks for audits: whom both are near hears neither.
+    """Jam a robot that it does not hear while that robot asks for audits (hidden terminals).
 
-    It knows the mission, so when that robot's rounds begin and when it asks again, and is silent in between. What it
-    says are AUDIT packets of no meaning, which no log shows; colluding liars take turns. It passes its own audits.
-    A hole of ours, closed in bti/request.py.
+    It knows the mission seed, hence when the victim's rounds and repeats begin, and is silent in between. It sends
+    meaningless AUDIT packets, which are not logged; colluding robots take turns. It passes its own audits.
+    This once stopped correct robots; bti/request.py has the defence.
     """
 
     period_ms = 1
     LASTS_MS: ClassVar[int] = 40
-    AT_ONCE: ClassVar[int] = 4  # leaves no gap that a long fragment fits into
+    AT_ONCE: ClassVar[int] = 4  # packets without a gap that a long fragment fits into
     _first_ms = _again_ms = 0
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Talk if the victim asks now and it is this liar's turn.
+        """Send noise if the victim asks now and it is this robot's turn.
 
-        First when the victim's round begins, and then each time that it asks again those that did not answer.
+        The victim asks when its round begins, and again for each auditor that did not answer.
         """
         if not self._first_ms:
             s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
-            # Somebody whom it does not hear, if there is one.
+            # A robot that it does not hear, if there is one.
             victim = min([name for name in self.victims() if name not in self.seen] or self.victims())
             round_ms = first_round_ms(int(s.mission_seed), victim, period_ms)
             self._first_ms = now_ms + (int(self.f.robot[self.i].t_key) + round_ms + 2 - now_ms) % period_ms
             self._again_ms = period_ms // 2 + int(s.retry) - 1
         asks_ms = (now_ms - self._first_ms) % self._again_ms
         if now_ms < self._first_ms or asks_ms >= self.LASTS_MS:
-            self.period_ms = (self._first_ms - now_ms - 1) % self._again_ms + 1  # when it is asked again
+            self.period_ms = (self._first_ms - now_ms - 1) % self._again_ms + 1  # when the victim asks next
             return []
         self.period_ms = 1
         turns = len(self.plan.colluding) + 1
@@ -220,28 +220,28 @@ class TalkOver(Liar):
 
 
 class Mask(RefuseToAudit):
-    """Talks whenever an honest robot says HELLO, and audits nobody: others shall know no auditors but liars.
+    """Jam every HELLO of honest robots and audit nobody, so that victims learn of compromised auditors only.
 
-    Rounds begin at moments that follow from the mission. All liars talk at once, in short AUDIT packets, which no log
-    shows: a HELLO is lost wherever it is heard together with them. So are answers to who asks for HELLO, if they can
-    be. They pass their own audits. A hole of ours, closed in bti/request.py.
+    The mission seed tells when rounds begin. All compromised robots send short AUDIT packets, which are not logged, at
+    once: a HELLO collides wherever both are received. They also jam answers to SEEK. They pass their own audits.
+    This once stopped correct robots; bti/request.py has the defence.
     """
 
     period_ms = 1
-    AT_ANSWERS: ClassVar[int] = 8  # as many as fill the time for which others answer
-    _moments: tuple[int, ...] = ()  # ms of a round, rising, at which to talk
+    AT_ANSWERS: ClassVar[int] = 8  # packets that fill the time in which others answer
+    _moments: tuple[int, ...] = ()  # ms since the beginning of a round, ascending, at which to jam
 
     def noise(self) -> bytes:
-        """Return the packet that it talks in."""
+        """Return the packet that it jams with."""
         return audit_packet(self.id, 0, NOISE, b"")
 
     def heard(self, now_ms: int, packet: bytes) -> list[Action]:
-        """Talk over the answers to SEEK."""
+        """Jam the answers to SEEK."""
         asks = is_audit(packet, seeking.SEEK)
         return super().heard(now_ms, packet) + (talk(self, now_ms, self.AT_ANSWERS, self.noise()) if asks else [])
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Talk if somebody says HELLO now; wake next when somebody does again."""
+        """Jam if a HELLO is due now; wake at the next one."""
         s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
         if not self._moments:
             first_ms = [first_round_ms(int(s.mission_seed), other, period_ms) for other in self.victims()]
@@ -254,9 +254,9 @@ class Mask(RefuseToAudit):
 
 
 class SlotSquat(Liar):
-    """Begins requests at every auditor and never ends them: an auditor puts only so many together at a time.
+    """Begin requests to every auditor and never complete them: an auditor reassembles only a few at a time.
 
-    A hole of ours, closed in bti/request.py.
+    This once stopped correct robots; bti/request.py has the defence.
     """
 
     period_ms = 300
@@ -266,11 +266,11 @@ class SlotSquat(Liar):
 
 
 class PushOut(RefuseToAudit):
-    """Begins a request at whom a victim asks, behind the first fragment of the victim's, so that it loses its place.
+    """Push a victim's request out of an auditor's buffer: begin one of its own after the victim's first fragment.
 
-    An auditor takes one request of a robot each T_audit / 2, so this is the moment. The simulated radio hands a
-    fragment to its addressee alone; who is near could hear it, so that is read from the victim's own memory. It
-    audits nobody, and passes its own audits. A hole of ours, closed in bti/fleet.py.
+    An auditor accepts one request of a robot per T_audit / 2. The simulated radio delivers a fragment to its addressee
+    only, while a real neighbour could overhear it, so the attack reads the victim's memory. It audits nobody, and
+    passes its own audits. This once stopped correct robots; bti/fleet.py has the defence.
     """
 
     period_ms = 1
@@ -286,7 +286,7 @@ class PushOut(RefuseToAudit):
         self._again_ms: dict[int, int] = {}
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Send a short fragment, if there is one to come before; until the victim has its tokens."""
+        """Send a short fragment while the victim's request is incomplete, until the victim has its tokens."""
         if self._asks.got >= self._tokens:
             round_ms = int(self.f.robot[self.i].t_key) + self._round_ms
             self.period_ms = (round_ms - now_ms - 1) % self._t_audit_ms + 1

@@ -1,4 +1,4 @@
-"""False claims: a robot's identity and place, its part in other protocols, and orders in the gateway's name."""
+"""False claims: identity, position, actions in other protocols, and orders in the gateway's name."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from phalanx.wire.protocols import CLAIM, KIND_CLAIM, KIND_SIGHTING, NOWHERE, SI
 
 from .hijack import OmitSends
 
-# Each victim gets a lie in each control period: the adversary broadcasts "faster than correct c-nodes". Several liars
-# may share the victims: ten of them at full pace fill the channel by themselves.
+# Each victim gets a false state in each control period: the adversary broadcasts "faster than correct c-nodes".
+# Compromised robots may share the victims: ten of them at full rate fill the channel by themselves.
 LIES_PERIOD_S = 0.25
 LIES_MPS, TOLD_APART_MPS = 1.0, 1e-6
-INVENTED = 60_000  # ids from here on are nobody's
-MOST = 2**63 - 1  # the highest number that a robot takes
+INVENTED = 60_000  # no robot has an id from here on
+MOST = 2**63 - 1  # the highest number that a robot accepts
 
 
 def spoofed_state(
     victim_pos: tuple[float, float], goal: tuple[float, float], z: float = 150.0, eps: float = 2.0
 ) -> tuple[float, float, float, float]:
-    """Return the position (m) and velocity (m/s) that the liar claims for another robot: in the victim's way.
+    """Return the position (m) and velocity (m/s) to claim for another robot: in the victim's way.
 
     Nearer than z: 1 m from the victim, towards the goal. Farther: z - eps from the goal, on the victim's way. In both
     cases moving away from the goal at 1 m/s. The paper calls z the maximum distance kept between victim and goal, but
@@ -42,7 +42,7 @@ def spoofed_state(
     """
     dx, dy = victim_pos[0] - goal[0], victim_pos[1] - goal[1]
     distance = math.hypot(dx, dy)
-    # A victim on the goal has no way to it: any direction will do.
+    # A victim at the goal has no direction to it: any direction will do.
     ux, uy = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)
     if distance <= z:
         return victim_pos[0] - ux, victim_pos[1] - uy, ux, uy
@@ -50,11 +50,11 @@ def spoofed_state(
 
 
 class Spoof(Liar):
-    """Claims, in the name of a random other robot and for one victim after the other, to be in the victim's way.
+    """Claim, in the name of a random other robot, to be in the way of one victim after the other.
 
-    Each victim gets a lie every `every` seconds. `strong=1` works without a defence, where no a-node turns packets into
-    broadcasts: it claims to each victim alone that every other robot is in its way.
-    Source: RoboRebound §5.3; the choice of whose name is ours (docs/spec/rebound.md).
+    Each victim gets a false state every `every` seconds. `strong=1` needs a robot without a defence, where no a-node
+    turns packets into broadcasts: it claims to each victim alone that every other robot is in its way.
+    Source: RoboRebound §5.3; the choice of the name is ours (docs/spec/rebound.md).
     """
 
     period_ms = 10
@@ -66,7 +66,7 @@ class Spoof(Liar):
         self._strong = bool(self.plan.options.get("strong")) and self.profile == PLAIN
 
     def saw(self, rob_id: int, motion: Motion) -> None:
-        """Note a state, unless its speed shows that a colluding robot lies."""
+        """Note a state, unless its speed shows that a colluding robot made it up."""
         if not (self.plan.colluding and abs(math.hypot(motion.vx_mps, motion.vy_mps) - LIES_MPS) < TOLD_APART_MPS):
             super().saw(rob_id, motion)
 
@@ -88,7 +88,7 @@ class Spoof(Liar):
 
 
 class Masquerade(OmitSends):
-    """Pretends to be another robot: it broadcasts only states with that robot's id, in the nearest victim's way.
+    """Impersonate another robot: broadcast only states with its id, in the nearest victim's way.
 
     Source: RoboRebound §2.4, Fig. 2.
     """
@@ -103,14 +103,14 @@ class Masquerade(OmitSends):
 
 
 class FalseState(Masquerade):
-    """Says of itself that it stands in the nearest robot's way."""
+    """Claim to be in the nearest robot's way."""
 
     def on_wake(self, now_ms: int) -> list[Action]:
         return self.claim_motion(now_ms, self.id, _in_the_way(self, self.nearest())) if self.seen else []
 
 
 class Equivocate(Masquerade):
-    """Claims a different state of its own to each victim: to each alone if it can, otherwise to all in turn."""
+    """Claim a different own state to each victim: by unicast without a defence, else by broadcast in turn."""
 
     def on_wake(self, now_ms: int) -> list[Action]:
         alone = self.profile == PLAIN
@@ -121,10 +121,10 @@ class Equivocate(Masquerade):
 
 
 class Expel(Liar):
-    """Claims that invented robots race outwards past the outermost robots, so that these follow and are lost.
+    """Lure the outermost robots out of range: claim that invented robots race outwards past them.
 
-    A robot out of range gets no audits, and stops there for good. The claimed speed is the highest that decoders
-    accept. The liar uses as many ids as a table of neighbours holds, as often as its a-node's rate limit allows.
+    A robot out of range gets no audits, and stops there. The claimed speed is the highest that decoders accept. The
+    attacker uses as many ids as a neighbour table holds, as often as its a-node's rate limit allows.
     """
 
     period_ms = 20
@@ -153,7 +153,7 @@ class Expel(Liar):
 
 
 class NotANumber(Liar):
-    """Broadcasts states of NaN and infinity under every id: a sum with one of them stays NaN."""
+    """Broadcast states of NaN and infinity under every id: a sum with NaN stays NaN."""
 
     period_ms = 100
 
@@ -161,14 +161,14 @@ class NotANumber(Liar):
         names, dice = self.others(), self.plan.chance
         name = names[int(dice.integers(len(names)))] if names else self.id
         numbers = [(math.nan, 0.0, -math.inf, 1e30)[int(each)] for each in dice.integers(0, 4, 4)]
-        numbers[int(dice.integers(2))] = math.nan  # of the place, which every controller reads
+        numbers[int(dice.integers(2))] = math.nan  # in the position, which every controller reads
         return self.claim_motion(now_ms, name, numbers)
 
 
 class SeizeOrders(Liar):
-    """Stops all robots in the gateway's name: by an order of the highest number, a stop, and a replayed order.
+    """Stop all robots in the gateway's name: forge an order with the highest number and a stop, and replay an order.
 
-    A robot that accepts the first of these obeys no true order any more.
+    A robot that accepts the first one rejects all later valid orders.
 
     Attributes:
         key: signs the orders; its own key, unless a test sets the gateway's.
@@ -184,7 +184,7 @@ class SeizeOrders(Liar):
         self.key = Ed25519PrivateKey.from_private_bytes(self.plan.chance.bytes(SIGNER_KEY_BYTES))
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
-        """Remember the gateway's last order, for its mission number and its time."""
+        """Store the gateway's last order, for its mission number and its time."""
         is_order = packet[0] == driven.KIND_ORDER and len(packet) >= ORDER.size + SIGNATURE_BYTES
         if is_order and ORDER.decode(packet)["signer"] == GATEWAY:
             self._heard, self._heard_ms = packet, now_ms
@@ -209,10 +209,10 @@ class SeizeOrders(Liar):
 
 
 class Pretender(Liar):
-    """The base of attacks on other protocols: it notes all claims, and claims places in the robot's own name.
+    """Base of attacks on other protocols: stores all claims, and claims places in the robot's own name.
 
     Attributes:
-        claimed: by robot id, when its last claim came, ms, and the three places that it claimed.
+        claimed: by robot id, the time of its last claim, ms, and the three claimed places.
     """
 
     scene: ClassVar[Scene] = "protocol"
@@ -233,19 +233,19 @@ class Pretender(Liar):
 
 
 class HogCells(Pretender):
-    """Claims the cells that the next robots in turn ask for."""
+    """Claim the cells that the robots next in turn ask for."""
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Claim the cells wanted by the robots that claimed longest ago: they drive next."""
+        """Claim the cells wanted by the robots with the oldest claims: they drive next."""
         next_first = sorted((heard_ms, places) for heard_ms, places in self.claimed.values())
         wanted = [wants for _, (_, _, wants) in next_first if wants != NOWHERE]
         return self.claim(now_ms, *wanted[:2]) if len(wanted) > 1 else []
 
 
 class ClaimArea(Pretender):
-    """Claims in its turn that it is at one unvisited place after the other, instead of where it is.
+    """Claim in each turn to be at another unvisited place, instead of the true one.
 
-    It claims once a turn: receivers drop both claims if one comes sooner than an honest robot's would (places.py).
+    It claims once a turn: receivers drop both claims if one comes earlier than an honest robot's would (places.py).
     """
 
     period_ms = 0
@@ -260,13 +260,13 @@ class ClaimArea(Pretender):
 
     @property
     def places(self) -> Sequence[int]:
-        """Return the places that it claims."""
-        assert isinstance(self._honest, PlaceController), "as all who go to places"
+        """Return the places to claim."""
+        assert isinstance(self._honest, PlaceController), "the attack needs a controller that visits places"
         return [place for place, (at_ms, _) in enumerate(self._honest.visits) if not at_ms] or PLACES
 
 
 class ClaimVisits(ClaimArea):
-    """Claims half of the places for ever, so that no robot goes there."""
+    """Claim half of the places without end, so that no robot goes there."""
 
     @property
     def places(self) -> Sequence[int]:
@@ -274,9 +274,9 @@ class ClaimVisits(ClaimArea):
 
 
 class PointElsewhere(Pretender):
-    """Claims that the last sighting is where the farthest robot is, and hides its own sightings."""
+    """Claim that the last sighting was beside the robot farthest from it, and hide own sightings."""
 
-    _seen: tuple[int, float, float] = 0, 0.0, 0.0  # until somebody has seen something
+    _seen: tuple[int, float, float] = 0, 0.0, 0.0  # until the first sighting
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
         if said := fields_of(SIGHTING, packet):
@@ -288,7 +288,7 @@ class PointElsewhere(Pretender):
         return [] if hides else super().send_output(now_ms, output)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        assert isinstance(self._honest, PeerController), "as all who see things"
+        assert isinstance(self._honest, PeerController), "the attack needs a controller that reports sightings"
         number, *at_m = self._seen
         others = ((each.x_m, each.y_m) for each in self._honest.others.values())
         x, y = max(others, key=lambda place_m: math.dist(place_m, at_m))

@@ -1,6 +1,6 @@
-"""Attacks that change commands, or leave out what a robot must do: broadcast, be audited, audit, run at all.
+"""Attacks that change commands or omit duties: broadcasting, being audited, auditing, or running at all.
 
-Attacks on the audits derive from these, and hide the misbehaviour.
+Attacks on audits derive from these classes, and hide the misbehaviour.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ RUNAWAY_PCT = bytes((100, 80))
 
 
 class Hijack(Liar):
-    """Rams the nearest robot, whatever the controller says.
+    """Ram the nearest robot instead of obeying the controller.
 
     Source: RoboRebound §2.2 (arbitrary commands); the ram is ours.
     """
@@ -37,7 +37,7 @@ class Hijack(Liar):
         return super().send_output(now_ms, output)
 
     def wanted_mps2(self) -> tuple[float, float]:
-        """Return the acceleration it wants: towards the nearest robot that it has heard of, and along with it."""
+        """Return an acceleration, m/s², towards the nearest known robot, matching its velocity."""
         if not self.seen:
             return FULL_MPS2, FULL_MPS2
         me, victim = self.me, self.nearest()
@@ -47,7 +47,7 @@ class Hijack(Liar):
 
 
 class Flee(Hijack):
-    """Drives away from everybody, and out of range of any auditor."""
+    """Drive away from the goal, out of every auditor's range."""
 
     def wanted_mps2(self) -> tuple[float, float]:
         away_x, away_y = self.me.x_m - self.plan.goal_m[0], self.me.y_m - self.plan.goal_m[1]
@@ -56,7 +56,7 @@ class Flee(Hijack):
 
 
 class Nondeterministic(Liar):
-    """A fault: the last bit of its commands is not always the same, as of a controller that uses a random source."""
+    """Flip the last bit of commands at random, a fault: as with a controller that uses a random source."""
 
     def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
         if self.lies(now_ms) and isinstance(output, Act) and len(output.payload) == ACCELERATION.size:
@@ -67,15 +67,15 @@ class Nondeterministic(Liar):
 
 
 class Dawdle(Liar):
-    """In-protocol harm: it acts correctly, but takes each reading and sends each output as late as the rules allow."""
+    """Act correctly, but take each reading and send each output as late as the rules allow."""
 
-    # Little, and no noise: the run beside it is the same to the bit until the first delay, and among the twelve of
+    # The harm is small but no noise: without the delay the run is identical to the bit, and among the twelve robots of
     # docs/reference/attacks.md one that delays by the period alone stays within 2 mm of it
     # (tests/attacks/test_small_harm.py).
     period_ms = 5
 
-    POLLS_MS: ClassVar[int] = 90  # after its time, and the period on top of it
-    DELAY_MS: ClassVar[int] = 85  # likewise, after that
+    POLLS_MS: ClassVar[int] = 90  # after the reading is due, plus up to one period
+    DELAY_MS: ClassVar[int] = 85  # after the reading, plus up to one period
 
     _round_waits = False
     _reading: tuple[int, bytes] | None = None
@@ -83,7 +83,7 @@ class Dawdle(Liar):
     _waiting: tuple[tuple[int, Send | Act], ...] = ()
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Keep a reading back; `on_wake` gives it to the s-node later, moved to where the robot is by then."""
+        """Hold a reading back; `on_wake` hands it to the s-node later, extrapolated to that time."""
         if not self.lies(now_ms) or reading[0] != SENSOR.tag or not self.POLLS_MS:
             return super().on_reading(now_ms, reading)
         self._reading = now_ms, reading
@@ -104,17 +104,17 @@ class Dawdle(Liar):
         return super().act(now_ms, command)
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Have the controller decide at once; its outputs wait."""
+        """Run the controller at once; delay its outputs."""
         n = self.chain(INPUT, now_ms, reading)
         if n > 0:
             self.record(self.w.entry[:n])
             self._waiting = tuple((now_ms + self.DELAY_MS, output) for output in self.decide(n))
-        # Nothing is missing and nothing is late yet: this is what it would have put out by now.
+        # Replay expects these outputs by now; none is late yet.
         self._put_out = [output for _, output in self._waiting]
         return []
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Put out what has waited long enough, and then begin a round that fell into the wait."""
+        """Send outputs that have waited long enough, and then begin a round that became due meanwhile."""
         actions: list[Action] = []
         if self._reading and self._reading[0] + self.POLLS_MS <= now_ms:
             (was_ms, reading), self._reading = self._reading, None
@@ -139,14 +139,14 @@ class Dawdle(Liar):
 
 
 class OmitSends(Liar):
-    """Broadcasts its state no more, so that nobody keeps clear of it."""
+    """Stop broadcasting its state, so that other robots do not keep clear of it."""
 
     def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
         return [] if self.lies(now_ms) and isinstance(output, Send) else super().send_output(now_ms, output)
 
 
 class Unasked(Liar):
-    """Asks nobody for an audit, nor shows its log; a request that is under way is broken off."""
+    """Request no audits and show no log; abort a request in progress."""
 
     def round_due(self, now_ms: int) -> list[Action]:
         return []
@@ -156,11 +156,11 @@ class Unasked(Liar):
 
 
 class RefuseAudit(Unasked, Hijack):
-    """Misbehaves, and asks nobody for an audit, nor shows its log."""
+    """Ram, request no audits and show no log."""
 
 
 class RefuseToAudit(Liar):
-    """Says that it audits, and never does: whoever asks it has lost a request."""
+    """Accept audit requests and never answer: each one uses up a request of the auditee."""
 
     def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         self.gained += 1
@@ -168,7 +168,7 @@ class RefuseToAudit(Liar):
 
 
 class Crash(Unasked):
-    """Its c-node is dead: the actuators go on with the last command they had."""
+    """Stop the c-node: the actuators continue with their last command."""
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         return []

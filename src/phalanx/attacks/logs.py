@@ -1,6 +1,6 @@
-"""Logs that show another past than the trusted nodes chained, and readings that are false or from another time.
+"""Attacks on logs: entries that differ from what the trusted nodes chained, and false or old sensor readings.
 
-No audit can know of a sensor that is deceived or broken.
+No audit can detect a sensor that is deceived or broken.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ DRIFT_MPS = 5.0
 
 
 class DropEntries(Liar):
-    """Has not heard its neighbours, it says: nobody is in its way, and it drives straight to the goal."""
+    """Leave neighbours' messages out of the log, and drive to the goal as if alone."""
 
     def heard(self, now_ms: int, packet: bytes) -> list[Action]:
-        """Pretend that what is no audit traffic never came; the a-node chains it all the same."""
+        """Ignore all packets but audit traffic; the a-node chains them nevertheless."""
         if packet[0] & request.AUDIT:
             return super().heard(now_ms, packet)
         self.chain(RECV, now_ms, packet)
@@ -39,7 +39,7 @@ class DropEntries(Liar):
 
 
 class AlterEntries(Liar):
-    """Writes another reading into its log than the s-node gave it, and acts on that."""
+    """Log another reading than the s-node chained, and act on it."""
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         n = self.chain(INPUT, now_ms, reading)
@@ -54,7 +54,7 @@ class AlterEntries(Liar):
 
 
 class ReorderEntries(DropEntries):
-    """Shows what it heard later than it heard it, so that it acts on where its neighbours were."""
+    """Log messages later than they came, and act on where neighbours were then."""
 
     _held: tuple[tuple[int, bytes], ...] = ()
 
@@ -71,10 +71,10 @@ class ReorderEntries(DropEntries):
 
 
 class InsertEntries(Liar):
-    """Has heard a robot that is not there: its log gives a reason to drive where it wants."""
+    """Log messages of an invented robot, which justify driving where the attacker wants."""
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Log an invented state before each reading: beside it on the side of the goal, coming nearer."""
+        """Log an invented state before each reading: 3 m aside, approaching."""
         if reading[0] == SENSOR.tag:
             _, _, _, x_m, y_m, vx_mps, vy_mps = MOTION.unpack_from(reading)
             nobody = max(self.plan.ids) + 1
@@ -84,7 +84,7 @@ class InsertEntries(Liar):
 
 
 class TruncateLog(Hijack):
-    """Has just been switched on, it says at each round: before that, no log."""
+    """Claim at each round that it has just booted, so that no earlier log exists."""
 
     def round_due(self, now_ms: int) -> list[Action]:
         rounds.forget_checkpoint(self.f, self.i)
@@ -93,7 +93,7 @@ class TruncateLog(Hijack):
 
 
 class ForgeCheckpoint(Hijack):
-    """Starts its log at a checkpoint of its own making, taken after what it did, under tokens of an older one."""
+    """Begin the log at a forged checkpoint, taken after the misbehaviour, with the tokens of an older one."""
 
     def next_packet(self, now_ms: int) -> list[Action]:
         actions = super().next_packet(now_ms)
@@ -107,7 +107,7 @@ class ForgeCheckpoint(Hijack):
 
 
 class SwapNodes(Hijack):
-    """Shows one node's chain where the other's belongs."""
+    """Present the a-node's chain as the s-node's, and the reverse."""
 
     def make_request(self, now_ms: int) -> bool:
         made = super().make_request(now_ms)
@@ -125,7 +125,7 @@ class SwapNodes(Hijack):
 
 
 class StaleLog(Hijack):
-    """Shows the log of its honest days to each fresh token request, for ever.
+    """Present the last honest log with each new token request.
 
     Source: docs/spec/rebound.md (stale log).
     """
@@ -140,7 +140,7 @@ class StaleLog(Hijack):
         return actions
 
     def make_request(self, now_ms: int) -> bool:
-        """Show the kept request, if there is one, with a fresh token request in it."""
+        """Send the stored request, if there is one, with a fresh token request in it."""
         if not self.lies(now_ms) or not self._kept:
             return super().make_request(now_ms)
         f, i, r = self.f, self.i, self.f.robot[self.i]
@@ -163,7 +163,7 @@ class StaleLog(Hijack):
 
 
 class SpoofGps(Liar):
-    """Somebody outside draws the robot's position sensor aside; the robot itself is honest."""
+    """Spoof the position sensor from outside so that it drifts; the robot itself is honest."""
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
         if not self.lies(now_ms) or reading[0] != SENSOR.tag:
@@ -171,15 +171,15 @@ class SpoofGps(Liar):
         aside_m = DRIFT_MPS * (now_ms - self.plan.start_ms) / 1000
         kind, rob_id, t, x_m, y_m, vx_mps, vy_mps = MOTION.unpack_from(reading)
         aside = MOTION.pack(kind, rob_id, t, x_m + aside_m, y_m - aside_m, vx_mps, vy_mps)
-        return aside + reading[SENSOR.size :]  # what it sees, it sees from where it is
+        return aside + reading[SENSOR.size :]  # other sensors see from the true position
 
 
 class ShowThing(Liar):
-    """Somebody outside shows its sensor, close by, the thing that was spoken of last; the robot itself is honest."""
+    """Show the robot's sensor, from outside, the object that was reported last; the robot itself is honest."""
 
     scene: ClassVar[Scene] = "protocol"
     ASIDE_STEPS: ClassVar[float] = 0.125  # along each axis
-    _number = 0  # until somebody has spoken of one
+    _number = 0  # until the first sighting
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
         if said := fields_of(SIGHTING, packet):
@@ -187,7 +187,7 @@ class ShowThing(Liar):
         return super().on_packet(now_ms, packet)
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
-        """Return the reading, and what is not there; nothing to a sensor that sees no things."""
+        """Return the reading with a false object beside the robot, if its sensor detects objects."""
         mine = self._honest
         if not self.lies(now_ms) or not isinstance(mine, PeerController) or len(mine.body.beside(reading)) != SEEN.size:
             return reading
@@ -196,7 +196,7 @@ class ShowThing(Liar):
 
 
 class StuckSensor(Liar):
-    """A fault: the position sensor says the same for ever; the robot itself is honest."""
+    """Freeze the position sensor, a fault; the robot itself is honest."""
 
     _stuck = b""
 
@@ -208,9 +208,9 @@ class StuckSensor(Liar):
 
 
 class StarveSensors(Liar):
-    """Polls its sensors no more: without an INPUT no command and no message is due, and the log shows no fault.
+    """Stop polling sensors: without an INPUT no command and no message is due, and the log shows no fault.
 
-    If it has not polled them since boot, it says each time that it has just got its key, and nothing is missing yet.
+    If it has not polled them since boot, it claims each time that its key has just come, so that no reading is missing.
     """
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
@@ -224,9 +224,9 @@ class StarveSensors(Liar):
 
 
 class KeyOfTomorrow(StarveSensors):
-    """Polls its sensors no more, and says that its log begins at boot and its mission key comes in 49 days.
+    """Stop polling sensors, and claim that the log begins at boot and the mission key comes in 49 days.
 
-    A hole of ours, closed in bti/audit.py.
+    This once passed audits; bti/audit.py has the defence.
     """
 
     T_KEY_MS: ClassVar[int] = (1 << 32) - (1 << 16)
@@ -240,10 +240,10 @@ class KeyOfTomorrow(StarveSensors):
 
 
 class Interleave(Liar):
-    """Polls a stock of readings at one moment, and lives on them for seconds: each is answered as if it were new.
+    """Poll many readings at one moment and act on them for seconds, on each as if it were new.
 
-    Two chains fix the order of readings and that of messages and commands, not which of them came before which. When
-    the stock is used up it asks for audits, and then stocks up again.
+    The two chains fix the order of readings, and the order of messages and commands, but not the order between the
+    two. When no reading is left, the robot requests audits and then polls again.
     Source: docs/spec/rebound.md (free interleaving).
     """
 
@@ -254,7 +254,7 @@ class Interleave(Liar):
     _stock: tuple[bytes, ...] = ()
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Act on the oldest reading of the stock; if there is none, on this one, of which the stock is made."""
+        """Act on the oldest stored reading; if there is none, act on this one and store copies of it."""
         if self._stock:
             entry, self._stock = self._stock[0], self._stock[1:]
             self.w.entry[: len(entry)] = row(entry)
@@ -275,7 +275,7 @@ class Interleave(Liar):
         return actions
 
     def round_due(self, now_ms: int) -> list[Action]:
-        """Wait while readings are left that the s-node has chained and the log does not show."""
+        """Wait while readings are left that the s-node has chained and the log does not contain."""
         if self._stock:
             self._round_waits = True
             return []

@@ -1,4 +1,4 @@
-"""Attacks on the answers that a robot waits for: tokens that it cannot hear, and auditors that it cannot reach."""
+"""Attacks on audit replies: tokens that collide, and relayed HELLOs of auditors out of range."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .channel import talk
 
 
 class TalkOverReplies(Liar):
-    """Talks whenever a victim asks, so that it misses tokens of auditors out of the compromised robots' range.
+    """Jam a victim after each of its requests, so that tokens of auditors out of the attackers' range are lost.
 
-    It knows the mission, so when the victim's rounds begin, and hears whatever the victim sends. The simulated radio
-    hands a fragment to its addressee alone, so what is near could hear is read from the victim's own memory. It passes
-    its own audits. Source: docs/adr/0039.
+    It knows the mission seed, hence when the victim's rounds begin, and hears whatever the victim sends. The simulated
+    radio delivers a fragment to its addressee only, while a real neighbour could overhear it, so the attack reads the
+    victim's memory. It passes its own audits. Source: docs/adr/0039.
     """
 
     period_ms = 1
@@ -29,7 +29,7 @@ class TalkOverReplies(Liar):
     _sent: tuple[int, int, int] | None = None
 
     def heard(self, now_ms: int, packet: bytes) -> list[Action]:
-        """Talk over the answers to the victim's HELLO and SEEK."""
+        """Jam the answers to the victim's HELLO and SEEK."""
         asked = super().heard(now_ms, packet)
         if request.is_audit(row(packet), len(packet)) and get_u16(row(packet), request.AT_SRC) == self._victim:
             self._until_ms = now_ms + self.LASTS_MS
@@ -37,7 +37,7 @@ class TalkOverReplies(Liar):
         return asked
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Talk while the victim may be answered."""
+        """Jam while answers to the victim are expected."""
         t_audit_ms = int(self.f.settings[0].t_audit)
         if not self._victim:
             self._victim = min((name for name in self.victims() if name in self.seen), default=min(self.victims()))
@@ -52,17 +52,17 @@ class TalkOverReplies(Liar):
 
 
 class RelayHello(Liar):
-    """Sends again, byte for byte, the HELLO of robots out of its neighbours' range, so that these ask them in vain.
+    """Relay the HELLO of robots out of its neighbours' range, so that these send audit requests in vain (wormhole).
 
-    A second liar near those robots hears them. Both have taken over their radios, and need no a-node for that: a sealed
-    packet counts for two seconds, wherever it is received. What the second one hears follows from the mission, as it
-    says when rounds begin. With option `both` they relay SEEK and its answers, too, without loss and in no more than
-    100 ms: that is not stopped. Source: docs/spec/sealed-radio.md; docs/adr/0039.
+    A second compromised robot near the distant robots receives them. Both bypass their a-nodes with radios of their
+    own: a sealed packet is valid for two seconds, wherever it is received. The mission seed tells what the second
+    robot hears. With the option `both` they also relay SEEK and its answers, without loss and within 100 ms: no
+    defence stops that. Source: docs/spec/sealed-radio.md; docs/adr/0039.
     """
 
     period_ms = 1
     GHOSTS: ClassVar[int] = 40
-    ANSWERS_MS: ClassVar[int] = 100  # until the answers are back
+    ANSWERS_MS: ClassVar[int] = 100  # until the relayed answers are back
     _moments: tuple[tuple[int, int], ...] = ()
 
     def __init__(self, *args: Any, **more: Any) -> None:
@@ -70,11 +70,11 @@ class RelayHello(Liar):
         self._waiting: list[tuple[int, bytes]] = []
 
     def ghosts(self) -> list[int]:
-        """Return robots that it does not hear, or if it hears all, all of them."""
+        """Return the robots that it does not hear, or all robots if it hears all."""
         return [name for name in self.victims() if name not in self.seen][: self.GHOSTS] or self.victims()
 
     def heard(self, now_ms: int, packet: bytes) -> list[Action]:
-        """Relay a SEEK, and later what the distant robots answer."""
+        """Relay a SEEK, and later the answers of the distant robots."""
         is_seek = is_audit(packet, seeking.SEEK) and len(packet) == seeking.SEEK_BYTES
         if is_seek and self.plan.options.get("both"):
             src, nonce = get_u16(row(packet), request.AT_SRC), int(get_u32(row(packet), seeking.SEEK_NONCE))
@@ -83,7 +83,7 @@ class RelayHello(Liar):
         return super().heard(now_ms, packet)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Send what is due."""
+        """Send the HELLOs and answers that are due."""
         s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
         if not self._moments:
             seed = int(s.mission_seed)

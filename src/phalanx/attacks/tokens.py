@@ -1,6 +1,6 @@
 """Attacks with tokens: forged, replayed or shared ones, stale answers, and requests that keep auditors busy.
 
-bti/rounds.py and robot/handlers.py have the defences against those that our own protocol once let through.
+bti/rounds.py and robot/handlers.py have the defences against those that once succeeded.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Token(NamedTuple):
 
 
 class TokenForger(Hijack, ABC):
-    """Misbehaves, and keeps offering its a-node tokens that no audit earned it."""
+    """Base of attacks that ram, and keep offering the a-node tokens without an audit."""
 
     period_ms = 100
 
@@ -54,11 +54,11 @@ class TokenForger(Hijack, ABC):
 
     @abstractmethod
     def tokens(self, now_ms: int) -> list[Token]:
-        """Return the tokens that it offers its a-node now."""
+        """Return the tokens to offer to the a-node now."""
 
 
 class ForgeTokens(TokenForger):
-    """Guesses MACs."""
+    """Offer tokens with guessed MACs."""
 
     def tokens(self, now_ms: int) -> list[Token]:
         dice, names = self.plan.chance, self.others()
@@ -69,7 +69,7 @@ class ForgeTokens(TokenForger):
 
 
 class ShareTokens(TokenForger):
-    """Offers tokens that were made for others: those that it issued itself."""
+    """Offer tokens that it issued to other robots."""
 
     _issued: tuple[Token, ...] = ()
 
@@ -83,13 +83,13 @@ class ShareTokens(TokenForger):
         return actions
 
     def tokens(self, now_ms: int) -> list[Token]:
-        """Return the newest, in its own name and in the auditees'."""
+        """Return the newest ones, as they are and with other auditors' names and the current time."""
         newest = list(self._issued[-10:])
         return newest + [token._replace(auditor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
 
 
 class ReplayTokens(TokenForger):
-    """Offers its own tokens again when they are old."""
+    """Offer its own tokens again after they have expired."""
 
     _kept: frozenset[Token] = frozenset()
 
@@ -103,13 +103,13 @@ class ReplayTokens(TokenForger):
         return actions
 
     def tokens(self, now_ms: int) -> list[Token]:
-        """Return all of them; and each as if it were from now, which its MAC does not cover."""
+        """Return all of them as they are, and with the current time, which their MACs do not cover."""
         kept = sorted(self._kept)
         return kept + [token._replace(t=now_ms) for token in kept]
 
 
 class SelfIssue(TokenForger):
-    """Asks its own a-node for a token for itself."""
+    """Have its own a-node issue a token for itself."""
 
     def tokens(self, now_ms: int) -> list[Token]:
         profile, anode = self.profile, self.f.anode[self.i]
@@ -123,7 +123,7 @@ class SelfIssue(TokenForger):
 
 
 class Collude(Hijack):
-    """Issues tokens to the other compromised robots for whatever they show, and gets theirs."""
+    """Issue tokens to other compromised robots without an audit, and get theirs."""
 
     def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         if self.profile == PLAIN or get_u16(row(packet), request.AT_SRC) not in self.plan.colluding:
@@ -133,11 +133,11 @@ class Collude(Hijack):
 
 
 class ZeroKey(Hijack):
-    """Makes itself tokens that never expire, before the key is loaded. Source: docs/spec/rebound.md (zero key)."""
+    """Forge tokens that never expire, before the key is loaded. Source: docs/spec/rebound.md (zero key)."""
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """Install tokens of f_max + 1 invented auditors, dated at the clock's end; no true token replaces them."""
+        """Install tokens of f_max + 1 invented auditors, dated at the clock's end; no valid token replaces them."""
         zero, hckpt = bytes(KEY_BYTES), bytes(HASH_BYTES)
         for auditor in range(0xFFFF - f_max, 0x10000):
             t = (1 << 32) - 1
@@ -148,7 +148,7 @@ class ZeroKey(Hijack):
 
 
 class StaleAnswers(Liar):
-    """Audits every other request, and answers the others with an old token, as if it had audited."""
+    """Audit every other request, and answer the rest with an old token."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -162,7 +162,7 @@ class StaleAnswers(Liar):
         return actions
 
     def asked(self, now_ms: int, packet: bytes) -> list[Action]:
-        """Send the old token at the first fragment of a request, and pass over the rest."""
+        """Send the old token at the first fragment of a request, and ignore the other fragments."""
         src, no = (int(get_u16(row(packet), at)) for at in (request.AT_SRC, request.AT_REQUEST))
         if src in self._issued:
             self._answered[src] = no
@@ -173,7 +173,7 @@ class StaleAnswers(Liar):
 
 
 class WrongCheckpoint(Liar):
-    """Issues the token for the checkpoint where the log begins, instead of the one at its end."""
+    """Issue tokens for the checkpoint at the beginning of the log, instead of the one at its end."""
 
     def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         if self.profile == PLAIN:
@@ -190,10 +190,10 @@ class WrongCheckpoint(Liar):
 
 
 class Drain(RefuseToAudit):
-    """Passes its own audits, and sends auditors true token requests that use up their time for other robots.
+    """Use up auditors' time with valid token requests; pass its own audits.
 
-    The request around each has an empty log and is refused, but only after an audit. It audits no other robot, so that
-    the others need more audits from the rest.
+    The audit request around each one has an empty log and is refused, but only after an audit. The attacker audits no
+    other robot, so that those need more audits from the rest.
     """
 
     period_ms = 20
@@ -205,7 +205,7 @@ class Drain(RefuseToAudit):
         self._sent_ms: dict[int, int] = {}
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Send the next request that is due; never to robots that it asks for audits of its own."""
+        """Send the next request that is due; none to robots that it asks for its own audits."""
         f, i = self.f, self.i
         if self.profile == PLAIN or f.robot["request_len"][i] > 0:
             return []
@@ -230,7 +230,7 @@ class Drain(RefuseToAudit):
         return []
 
     def _make(self, now_ms: int, auditor: int) -> bool:
-        """Make a true token request, in a request with an empty log since boot; log the flush that it causes."""
+        """Make a valid token request within an audit request with an empty log; log the flush that it causes."""
         spare_ms = int(self.f.settings[0].t_audit) * 2 // 5
         treq = row(bytes(TOKEN_REQUEST.size))
         if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too

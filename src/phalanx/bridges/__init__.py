@@ -1,1 +1,1 @@
-"""Other systems, and what their packages are needed for."""
+"""Connections to other robot systems. Only this package imports their libraries."""

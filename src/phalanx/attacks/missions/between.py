@@ -1,7 +1,7 @@
-"""An attack on a mission: somebody between the operator, or the world, and a robot that is honest itself.
+"""Attacks on a mission from outside: between the operator, or the world, and an honest robot.
 
-An attack overrides what it lies about: what is delivered, the building, a scan, the wheels, messages. The rest goes
-through as it is. It is told what the adversary has and wants (`MissionPlan`), and nothing that only the robot knows.
+An attack overrides the methods for what it falsifies: delivery, building, scans, wheels or messages. Everything else
+passes unchanged. It knows the adversary's means and goals (`MissionPlan`), and nothing that only the robot knows.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ Look = Callable[[Pose], LaserScan]
 class Sent:
     """A mission on its way to a robot."""
 
-    plain: Mission  # what a robot without the shield gets
-    file: bytes  # what one with it gets; the paper's or ours
-    key: bytes  # the start key's bytes, which travel apart
+    plain: Mission  # for a robot without the shield
+    file: bytes  # for a robot with the shield, in profile `paper` or `sealed`
+    key: bytes  # the start key, which is sent separately
     said: tuple[bytes, ...]
 
 
@@ -35,23 +35,23 @@ class Sent:
 class MissionPlan:
     """The adversary's means and goals."""
 
-    start_s: float  # from when on it lies, seconds from the robot's start
+    start_s: float  # beginning of the attack, seconds after the robot's start
     chance: np.random.Generator
     yesterday: Sent  # what the operator sent to this robot a day ago, recorded
     others: Sent  # what the operator sent to another robot today, recorded
-    wanted: Mission  # what the adversary would have the robot do
+    wanted: Mission  # that the adversary wants the robot to carry out
     options: Mapping[str, float | str] = field(default_factory=dict)
 
 
 class Between:
-    """One way to attack a mission.
+    """Base of attacks on a mission: passes everything unchanged.
 
     Class attributes:
-        ordered: whether the operator wants anything done at all while it goes on.
+        ordered: whether the operator has ordered a mission at that time.
         released: whether the controller sends its messages.
-        again: whether the robot has started what it gets before.
-        clock_s: by so much the robot's clock is wrong.
-        starts_s: when it begins to lie, unless it is told otherwise.
+        again: whether the robot has started the delivered mission before.
+        clock_s: error of the robot's clock, s.
+        starts_s: default beginning of the attack, s.
     """
 
     scene: ClassVar[Scene] = "errand"
@@ -67,11 +67,11 @@ class Between:
 
     @property
     def lies(self) -> bool:
-        """Return whether it lies at this moment."""
+        """Return whether the attack is active now."""
         return self.now_s >= self.plan.start_s
 
     def deliver(self, sent: Sent) -> Sent:
-        """Return what arrives of what the operator sent."""
+        """Return the mission that arrives at the robot."""
         return sent
 
     def building(self, plan: FloorPlan) -> FloorPlan:
@@ -87,12 +87,12 @@ class Between:
         return 1.0, 1.0
 
     def messages(self, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
-        """Return what the robot hears of what was sent in this moment."""
+        """Return the messages that the robot receives of those sent now."""
         return messages
 
 
 class SpoofScan(Between):
-    """Scans recorded one room on: a door is in sight there too, but elsewhere than the one that is due."""
+    """Show the lidar another room, where a door is visible at another place than the expected one."""
 
     THERE_M: ClassVar[tuple[float, float]] = (5.0, 0.5)
 
@@ -103,7 +103,7 @@ class SpoofScan(Between):
 
 
 class DragScan(Between):
-    """The whole building, true in itself, slides away: a little with every metre, as odometry would drift."""
+    """Shift the whole building slowly in the scans, as odometry would drift."""
 
     DRAG_MPS: ClassVar[float] = 0.05
 
@@ -113,7 +113,7 @@ class DragScan(Between):
 
 
 class FreezeScan(Between):
-    """A fault: the lidar repeats its last scan for ever."""
+    """Freeze the lidar at its last scan, a fault."""
 
     starts_s = 4.0
 
@@ -129,7 +129,7 @@ class FreezeScan(Between):
 
 
 class MoveCode(Between):
-    """A code is taken down and hung up elsewhere, in the robot's way."""
+    """Move a code to another place, in the robot's way."""
 
     AHEAD_M: ClassVar[float] = 5.0
     SIDE_M: ClassVar[float] = 0.0
@@ -139,21 +139,21 @@ class MoveCode(Between):
 
 
 class CloneCode(MoveCode):
-    """A copy of a code hangs in the robot's way, and the code where it belongs."""
+    """Put a copy of a code in the robot's way, and leave the code in place."""
 
     def building(self, plan: FloorPlan) -> FloorPlan:
         return replace(plan, codes=(*plan.codes, *super().building(plan).codes))
 
 
 class NudgeCode(MoveCode):
-    """A code is moved by less than a robot searches: it decodes, and the fix is as wrong as the code."""
+    """Move a code by less than the search radius: it decodes, and shifts the robot's position fix."""
 
     AHEAD_M = 0.0
     SIDE_M = 0.4
 
 
 def aside(code: WallCode, ahead_m: float, side_m: float) -> WallCode:
-    """Return the code, hung so far off its wall and so far along it, and read from the same direction."""
+    """Return the code moved so far off its wall and along it, m, with the same orientation."""
     cosine, sine = math.cos(code.facing_rad), math.sin(code.facing_rad)
     return replace(
         code,
@@ -163,7 +163,7 @@ def aside(code: WallCode, ahead_m: float, side_m: float) -> WallCode:
 
 
 class StaleMessage(Between):
-    """The release of yesterday, sent today, when the goods are not released."""
+    """Replay yesterday's release message today, when nothing was released."""
 
     released = False
 
@@ -172,14 +172,14 @@ class StaleMessage(Between):
 
 
 class DrownMessage(Between):
-    """So many messages that the robot has forgotten the true one when it needs it."""
+    """Send so many messages that the robot drops the valid one before it needs it."""
 
     def messages(self, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
         return (*messages, self.plan.chance.bytes(32)) if self.lies else messages
 
 
 class DeadWheel(Between):
-    """One wheel turns in the air: odometry says straight on, and the robot goes round in circles."""
+    """Let one wheel spin freely: odometry reports a straight line, and the robot drives in circles."""
 
     SHARES: ClassVar[tuple[float, float]] = (0.0, 1.0)  # of each wheel's turn, left and right, that moves the robot
 
@@ -188,6 +188,6 @@ class DeadWheel(Between):
 
 
 class Slip(DeadWheel):
-    """Both wheels slip: the robot goes half as far as it believes."""
+    """Let both wheels slip: the robot goes half as far as odometry reports."""
 
     SHARES = (0.5, 0.5)

@@ -1,4 +1,4 @@
-"""Cheat on a mission although peers replay it: four ways to be somewhere, or to have seen something."""
+"""Attacks on missions by a robot whose peers replay its log: false progress, false paths, false scans."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ FULL_MMPS, MOST_MRADPS = 500, 1200
 
 
 class SkipNode(MissionCheat):
-    """Leaves out a node: from its checkpoint on it pretends to itself that the node was decoded."""
+    """Skip a node: mark it as decoded in the mission's memory after a checkpoint."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """Put the walk behind the node, once; then it goes on from there."""
+        """Move the mission's state past the node once, and continue from there."""
         walk, node = self.mission.memory.walk, self.plan.node
         if node not in walk.opened:
             x_m, y_m, _ = self.mission.pose(reading)
@@ -35,7 +35,7 @@ class SkipNode(MissionCheat):
 
 
 class DriveDark(MissionCheat):
-    """Drives to where nothing that was decoded leads."""
+    """Drive to a place that no decoded node leads to."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         x_m, y_m, heading = self.mission.pose(reading)
@@ -47,7 +47,7 @@ class DriveDark(MissionCheat):
 
 
 class ShowUnsensed(MissionCheat):
-    """Shows auditors a scan that its lidar never made."""
+    """Present a scan to auditors that its lidar never made."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         raw = self.plan.imagine(self.mission.pose(reading))
@@ -58,12 +58,12 @@ class ShowUnsensed(MissionCheat):
         return self.mission.on_evidence(step, t_ms, told, evidence)
 
     def shown(self, evidence: bytes) -> bytes:
-        """Return what goes into the log for it."""
+        """Return the evidence to log in place of this one."""
         return evidence
 
 
 class ForgeClaim(ShowUnsensed):
-    """Shows the scan that its lidar made, and claims that the node is to be seen in it."""
+    """Present the true scan, and claim that it shows the node."""
 
     def shown(self, evidence: bytes) -> bytes:
         sensors = self.mission.missions.sensors

@@ -1,4 +1,4 @@
-"""Attacks on a mission file in transit: alter it, replace it, send it again."""
+"""Attacks on a mission file in transit: altering, replacing and replaying it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ MM_PER_M = 1000
 
 
 class FlipBit(Between):
-    """One bit of what was signed is another: a header's, a hash's, a payload's; `bit=N` or any.
+    """Flip one bit of the signed part: bit `bit=N`, or a random one.
 
-    In the plain graph it is a bit of the last node's place: the one for four metres.
+    In the plain graph, flip the bit of the last node's position that stands for four metres.
     """
 
     PLACE_BIT: ClassVar[int] = 12  # of millimetres: 4.096 m
 
     def deliver(self, sent: Sent) -> Sent:
-        """Change the bit. Raises: UsageError: the file has no such bit."""
+        """Return the file with the bit flipped. Raises: UsageError: the file has no such bit."""
         bits = BYTE * len(parse_mission(sent.file).signed_part())
         asked = float(self.plan.options.get("bit", self.plan.chance.integers(bits)))
         if not 0 <= asked < bits:
@@ -47,9 +47,9 @@ class FlipBit(Between):
 
 
 class ForgeGraph(Between):
-    """A whole mission of the adversary's: who has a floor plan can write one, and sign it with some key of his own.
+    """Replace the mission by the attacker's own, written from a floor plan and signed with an untrusted key.
 
-    In `paper` nobody asks who wrote a mission. Who has guessed the nodes of a true one could alter that as well.
+    In `paper` missions carry no signature. An attacker who has guessed the nodes of a mission could also alter it.
     """
 
     ordered = False
@@ -68,7 +68,7 @@ class ForgeGraph(Between):
 
 
 class ReplayDay(Between):
-    """The operator's mission of another day, when nobody ordered anything: the weakness of the paper (§VI-G)."""
+    """Replay the operator's mission of another day, when none was ordered: a weakness of the paper (§VI-G)."""
 
     ordered = False
 
@@ -77,26 +77,26 @@ class ReplayDay(Between):
 
 
 class ReplayRobot(ReplayDay):
-    """The operator's mission for another robot."""
+    """Deliver the operator's mission for another robot."""
 
     def deliver(self, sent: Sent) -> Sent:
         return self.plan.others
 
 
 class ReplayAgain(Between):
-    """The operator's mission of today, once more: the robot has done it already."""
+    """Deliver today's mission once more, after the robot has completed it."""
 
     ordered, again = False, True
 
 
 class SetClock(ReplayDay):
-    """Yesterday's mission was held back, so that the robot never started it; today its clock is a day late."""
+    """Hold yesterday's mission back, and deliver it today with the robot's clock set back by a day."""
 
     clock_s = -86_400.0
 
 
 class SwapKey(Between):
-    """The start key of another day comes with the mission of today."""
+    """Deliver the start key of another day with today's mission."""
 
     def deliver(self, sent: Sent) -> Sent:
         key = replace(parse_start_key(self.plan.yesterday.key), mission_id=parse_start_key(sent.key).mission_id)

@@ -1,7 +1,7 @@
-"""The robot without this shield: it gets the mission in clear, and takes everything for what it says it is.
+"""A robot without this shield: its mission is in plain text, and it verifies nothing.
 
-It drives from place to place by odometry, around what its lidar shows; a code is what its text says, wherever it hangs,
-and a message is its name.
+It drives from place to place by odometry, around obstacles that its lidar shows. It accepts a code by its text,
+wherever the code hangs, and a message by its name.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from phalanx.mission.walk.state import Event
 
 ARRIVE_M = 0.5
 ANY_REACH_M = 1e3
-# Nobody audits a robot without the shield.
+# A robot without the shield is not audited.
 NOTHING_CLAIMED = Claim(0, 0, Shape(), Offset(), Cell(0, 0), b"")
 
 
 class PlainWalker(Walker):
-    """A plain mission, followed; messages are their names, in clear.
+    """Follow a plain-text mission, in which a message is its own name.
 
     Args:
-        config: of the robot; its time-out holds at nodes without one.
+        config: of the robot; its time-out applies to nodes without one.
     """
 
     def __init__(self, plain: Mission, config: MissionConfig | None = None) -> None:
-        # For which way leads where, and nothing else is read of it: so its "random" bytes may be zeros.
+        # Only the graph's edges are read of this, so its "random" bytes may be zeros.
         (encoded,) = build(plain, BuildOptions(profile=Profile.PAPER), bytes)
         super().__init__(encoded.mission, None, config)
         self._nodes = plain.nodes

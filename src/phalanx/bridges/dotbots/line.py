@@ -1,7 +1,7 @@
-"""The line to PyDotBot's controller: one site by REST, its stream and its orders by websocket.
+"""Client of PyDotBot's controller: the site by REST, state updates and commands by websocket.
 
-It has a thread and an event loop of its own, so that nothing which holds up the gateway's holds up a stop
-(docs/adr/0023-brakes.md). What the controller sends is limited in length before it is read.
+The client runs in a thread with its own event loop, so that a blocked gateway does not delay a stop
+(docs/adr/0023-brakes.md). Messages of the controller are limited in length before they are read.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import aiohttp
 from phalanx.errors import PeerError, TooLarge, Unavailable, UsageError, did_you_mean
 from phalanx.pace import Pace
 
-from .told import ANY_AREA_MM, TRAIL_POINTS, Dotbot, Fleet, area_of
+from .stream import ANY_AREA_MM, TRAIL_POINTS, Dotbot, Fleet, area_of
 
 log = logging.getLogger(__name__)
 
@@ -34,26 +34,26 @@ HINT = f"dotbot://HOST:PORT, where `dotbot run controller` serves its API: dotbo
 STREAM = f"/controller/ws/stream?hz=10&trail={TRAIL_POINTS}"
 ORDERS = "/controller/ws/dotbots"
 SITE = "/controller/site"
-# A part of a snapshot tells of a hundred robots, each with a trail of 200 points: 1 MB.
+# A part of a snapshot describes a hundred robots, each with a trail of 200 points: 1 MB.
 LONGEST_BYTES = 4 * 1024 * 1024
 LONGEST_SITE_BYTES = 1024 * 1024
 ANSWER_S = 5.0
-ALIVE_EVERY_S = 4.0  # half of that without an answer, and the controller is gone
-AGAIN_S = (0.2, 3.0)  # the first and the longest wait before the next try
+ALIVE_EVERY_S = 4.0  # without an answer for half of that, the connection is closed
+AGAIN_S = (0.2, 3.0)  # the first and the longest delay before connecting again
 FLUSH_S = 1.0
-REFUSALS = (0.1, 5.0)  # of those that are logged: a second, and at once
+REFUSALS = (0.1, 5.0)  # logged refusals: per second, and at once
 
 
 @dataclass(frozen=True, slots=True)
 class DotbotUrl:
-    """A controller's address."""
+    """Address of a DotBot controller."""
 
     host: str  # name or address, IPv6 without brackets
     port: int
 
     @property
     def is_here(self) -> bool:
-        """Whether only this machine reaches it."""
+        """Return whether the host is a loopback address."""
         try:
             return ip_address(self.host).is_loopback
         except ValueError:
@@ -61,7 +61,7 @@ class DotbotUrl:
 
     @property
     def http(self) -> str:
-        """Where its API is."""
+        """Return the URL of its REST API."""
         return f"http{str(self).removeprefix('dotbot')}"
 
     def __str__(self) -> str:
@@ -74,9 +74,9 @@ def parse_dotbot_url(url: str) -> DotbotUrl:
         parts = urlsplit(url)
         port = parts.port
     except ValueError as error:
-        raise UsageError("the swarm's URL has a bad host or port", HINT) from error
+        raise UsageError("the swarm's URL has an invalid host or port", HINT) from error
     if parts.scheme != "dotbot":
-        raise UsageError(f"a swarm at {url!r} is not known", did_you_mean(f"{parts.scheme}://", ["dotbot://"]) + HINT)
+        raise UsageError(f"unknown kind of swarm {url!r}", did_you_mean(f"{parts.scheme}://", ["dotbot://"]) + HINT)
     more = (parts.username, parts.password, parts.path.strip("/"), parts.query, parts.fragment)
     if not parts.hostname or port == 0 or any(more):
         raise UsageError("the swarm's URL has no host, or more than host and port", HINT)
@@ -84,7 +84,7 @@ def parse_dotbot_url(url: str) -> DotbotUrl:
 
 
 class Orders:
-    """For any thread. `wake` is called, in the thread that orders, when something is to be sent."""
+    """Thread-safe queue of commands. `put` calls `wake` in its own thread."""
 
     def __init__(self) -> None:
         self.wake: Callable[[], None] = lambda: None
@@ -92,23 +92,27 @@ class Orders:
         self._due: dict[tuple[str, str], tuple[tuple[Any, ...], float]] = {}
 
     def put(self, address: str, about: str, *words: Any, until_s: float = math.inf) -> None:
-        """These, in this order, instead of what still waits about the same; nothing after `until_s` of uptime."""
+        """Queue messages; they replace queued ones of the same `about`, and expire at `until_s` of uptime."""
         with self._lock:
             self._due[address, about] = words, until_s
         self.wake()
 
     def take(self, uptime_s: float) -> list[Any]:
-        """What is due, oldest first; it waits no longer."""
+        """Remove and return all queued messages that have not expired, oldest first."""
         with self._lock:
             due, self._due = self._due, {}
         return [said for words, until_s in due.values() if uptime_s <= until_s for said in words]
 
 
 class Line:
-    """A controller, reached again whenever it was lost, while the context lasts.
+    """Connection to a controller, within a context; it reconnects after each loss.
 
-    `robots` are those of the last that was heard, `area_mm` its site, `lost_at_s` when it was lost, seconds since 1970,
-    or None. `orders` are sent as they come, `trails` are addresses whose trail is to be forgotten.
+    Attributes:
+        robots: newest known state by address.
+        area_mm: width and height of the controller's site.
+        lost_at_s: when the connection was lost, seconds since 1970; None while connected.
+        orders: commands to send.
+        trails: REST paths of trails to delete.
     """
 
     def __init__(self, url: DotbotUrl) -> None:
@@ -133,12 +137,12 @@ class Line:
         self._thread.join(2 * FLUSH_S)
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until all robots are known. Raises: Unavailable: they are not in that time."""
+        """Wait until all robots are known. Raises: Unavailable: the time is over."""
         if not self._reached.wait(timeout_s):
             raise Unavailable(
-                f"no controller of DotBots at {self.url} within {timeout_s:g} s ({self.trouble or 'no answer'})",
+                f"no DotBot controller at {self.url} within {timeout_s:g} s ({self.trouble or 'no answer'})",
                 "start it: dotbot run controller, or without robots dotbot run simulator --headless;"
-                " to wait longer for it, --wait",
+                " use --wait to wait longer",
             )
 
     def _run(self) -> None:
@@ -148,7 +152,7 @@ class Line:
         loop, due = asyncio.get_running_loop(), asyncio.Event()
 
         def wake() -> None:
-            with contextlib.suppress(RuntimeError):  # the loop has ended, and with it the line
+            with contextlib.suppress(RuntimeError):  # the event loop has ended
                 loop.call_soon_threadsafe(due.set)
 
         self.orders.wake = self.trails.wake = wake
@@ -156,19 +160,19 @@ class Line:
         while not self._over.is_set():
             try:
                 await self._connected(due)
-            # An address that it names may raise a ValueError; a line that has ended would stop no robot.
+            # A bad address may raise a ValueError; if this thread ended, no robot could be stopped.
             except (OSError, aiohttp.ClientError, TimeoutError, PeerError, ValueError) as error:
                 if self.lost_at_s is None:
                     again_s = AGAIN_S[0]
                 self._down(_in_words(error))
             due.clear()
             if not self._over.is_set():
-                with contextlib.suppress(TimeoutError):  # a stop that was said meanwhile is worth a try at once
+                with contextlib.suppress(TimeoutError):  # for a stop queued meanwhile, connect at once
                     await asyncio.wait_for(due.wait(), again_s)
             again_s = min(2 * again_s, AGAIN_S[1])
 
     async def _connected(self, due: asyncio.Event) -> None:
-        """One connection, until it is lost or all is over."""
+        """Serve one connection until it is lost or the context ends."""
         traces = aiohttp.TraceConfig()
         traces.on_request_redirect.append(_refuse)
         async with aiohttp.ClientSession(
@@ -220,7 +224,7 @@ class Line:
                     await orders.send_json(said)
             if is_last:
                 return
-            # REST, beside: a stop must not wait for an answer.
+            # REST requests run in tasks: a stop must not wait for their answers.
             for path in self.trails.take(time.monotonic()):
                 task = asyncio.ensure_future(_delete(session, path))
                 forgetting.add(task)
@@ -229,26 +233,26 @@ class Line:
 
     def _up(self) -> None:
         if self._reached.is_set():
-            log.warning("the controller of the DotBots at %s is back", self.url)
+            log.warning("connected to the DotBot controller at %s again", self.url)
         self.lost_at_s, self.trouble = None, ""
         self._reached.set()
 
     def _down(self, words: str) -> None:
         if self.lost_at_s is None:
             self.lost_at_s = time.time()
-            log.warning("lost the controller of the DotBots at %s (%s); trying again", self.url, words)
+            log.warning("lost the connection to the DotBot controller at %s (%s); trying again", self.url, words)
         self.trouble = words
 
 
 def _socket(session: aiohttp.ClientSession, path: str) -> AbstractAsyncContextManager[aiohttp.ClientWebSocketResponse]:
-    # Without compression: a kilobyte of it may be a gigabyte.
+    # Without compression: a compressed kilobyte may expand to a gigabyte.
     ends = aiohttp.ClientWSTimeout(ws_close=FLUSH_S / 2)
     return session.ws_connect(path, heartbeat=ALIVE_EVERY_S, max_msg_size=LONGEST_BYTES, timeout=ends)
 
 
 async def _refuse(*_: object) -> None:
-    """A websocket's session can be told in no other way to go nowhere else."""
-    raise aiohttp.ClientError("it sends us elsewhere")
+    """Refuse redirects: `ws_connect` has no option for it."""
+    raise aiohttp.ClientError("it redirects")
 
 
 async def _site(session: aiohttp.ClientSession) -> bytes:
@@ -257,7 +261,7 @@ async def _site(session: aiohttp.ClientSession) -> bytes:
             raise _Answered(SITE, answer.status)
         site = await answer.content.read(LONGEST_SITE_BYTES)
         if not answer.content.at_eof():
-            raise TooLarge("a site without an end")
+            raise TooLarge(f"a site of more than {LONGEST_SITE_BYTES} bytes")
         return site
 
 
@@ -268,7 +272,7 @@ async def _delete(session: aiohttp.ClientSession, path: str) -> None:
 
 
 async def _text(socket: aiohttp.ClientWebSocketResponse) -> str:
-    """The next message. Raises: TooLarge, and ConnectionError: there is none."""
+    """Return the next message. Raises: TooLarge; ConnectionError: the connection was closed."""
     said = await socket.receive()
     if said.type is aiohttp.WSMsgType.TEXT:
         return str(said.data)
@@ -278,18 +282,18 @@ async def _text(socket: aiohttp.ClientWebSocketResponse) -> str:
 
 
 async def _hear_refusals(orders: aiohttp.ClientWebSocketResponse) -> None:
-    """The controller answers an order only to refuse it."""
+    """Log refused commands, rate-limited: the controller answers a command only if it refuses it."""
     pace = Pace(*REFUSALS, time.monotonic())
     while True:
         words = await _text(orders)
         if not pace.wait_s(time.monotonic()):
             pace.use()
-            log.warning("the controller of the DotBots refused an order: %s", ascii(words[:200]))
+            log.warning("the DotBot controller refused a command: %s", ascii(words[:200]))
 
 
 class _Answered(aiohttp.ClientError):
     def __init__(self, path: str, status: int) -> None:
-        super().__init__(f"it answers {status} to {path}: is it PyDotBot's, 0.33 or later?")
+        super().__init__(f"it answers {path} with status {status}: PyDotBot 0.33 or later is needed")
 
 
 def _in_words(error: Exception) -> str:
@@ -299,12 +303,12 @@ def _in_words(error: Exception) -> str:
         case _Answered():
             return str(error)
         case PeerError():
-            return f"it says what PyDotBot 0.33 would not: {error}"
+            return f"not the protocol of PyDotBot 0.33: {error}"
         case TimeoutError():
             return "no answer"
         case OSError(errno=int(number)):
             return os.strerror(number)
         case ConnectionError() | aiohttp.ServerDisconnectedError():
-            return "it ended the connection"
+            return "it closed the connection"
         case _:
             return type(error).__name__

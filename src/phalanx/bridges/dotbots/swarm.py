@@ -1,4 +1,4 @@
-"""Real DotBots, or PyDotBot's simulated ones, as a `phalanx.robot.Swarm`."""
+"""DotBots, real or simulated by PyDotBot, as a `phalanx.robot.Swarm`."""
 
 from __future__ import annotations
 
@@ -11,32 +11,31 @@ from phalanx.errors import Held, Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
 
 from .line import DotbotUrl, Line
-from .told import DOTBOT
+from .stream import DOTBOT
 
-LONGEST_ROUTE = 16  # points that a DotBot's firmware keeps
-OLD_S = 0.3  # a joystick's word is good for so long, and the firmware stops by itself after 0.5 s
+LONGEST_ROUTE = 16  # points that a DotBot's firmware stores
+OLD_S = 0.3  # lifetime of a joystick command; the firmware stops by itself after 0.5 s
 ROUTE_OLD_S = 1.0
 HOLD_AGAIN_S = 0.5
 
 
 class DotbotSwarm:
-    """The robots of one controller, while the context lasts; on the way in it is waited for, on the way out robots
-    that are still under way by our word are stopped.
+    """Robots of one controller, within a context: it connects at the beginning, and stops moving robots at the end.
 
-    While the controller is away robots are told where they were last, and refuse orders as unknown; a stop that was
-    said meanwhile is said to them as soon as it is back.
+    While the controller is unreachable, `robots` returns the last known states and commands raise `Unknown`. A stop
+    is queued, and sent when the connection is back.
 
     Raises: Unavailable: no controller within `wait_s`.
     Source: PyDotBot 0.33, dotbot/server.py.
     """
 
     longest_route = LONGEST_ROUTE
-    unprotected = "DotBots do not audit each other: nothing stops one that lies"
+    unprotected = "DotBots do not audit each other: nothing stops a compromised one"
 
     def __init__(self, url: DotbotUrl, wait_s: float) -> None:
         self._line = Line(url)
         self._wait_s = wait_s
-        self._lock = threading.Lock()  # held for no longer than it takes to note an order
+        self._lock = threading.Lock()  # held only while a command is queued
         self._held_at_s: float | None = None
         self._under_way: set[str] = set()
 
@@ -57,17 +56,17 @@ class DotbotSwarm:
 
     @property
     def area_mm(self) -> tuple[int, int]:
-        """Width and height of the controller's site; 2 by 2 m, if it says none."""
+        """Return width and height of the controller's site, mm; 2 by 2 m if it has none."""
         return self._line.area_mm
 
     def robots(self) -> Sequence[Robot]:
-        """Every DotBot that the controller tells of."""
+        """Return all DotBots that the controller lists."""
         heard_at_s = time.time() if self._line.lost_at_s is None else self._line.lost_at_s
         told = self._line.robots.values()
         return [bot.robot._replace(heard_at_s=heard_at_s) if bot.active else bot.robot for bot in told]
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """Turn the wheels, for half a second at most: a DotBot wants to be told again. Raises: Held."""
+        """Turn the wheels; a DotBot stops after 0.5 s without a new command. Raises: Held, Unknown."""
         self._find(address)
         if not (left_pct or right_pct):
             with self._lock:
@@ -77,7 +76,7 @@ class DotbotSwarm:
         self._move(address, _wheels(address, left_pct, right_pct), OLD_S)
 
     def stop(self, address: str) -> None:
-        """Stand still, and follow nothing."""
+        """Stop the robot and end its route. Raises: Unknown."""
         if address not in self._line.robots:
             raise Unknown("no such robot")
         with self._lock:
@@ -85,7 +84,7 @@ class DotbotSwarm:
             self._line.orders.put(address, "wheels", *_standing(address))
 
     def hold(self) -> None:
-        """All stand still until `release`: said at once, and twice a second again."""
+        """Stop all robots until `release`; repeated at most twice a second."""
         now_s = time.monotonic()
         with self._lock:
             if self._held_at_s is not None and now_s - self._held_at_s < HOLD_AGAIN_S:
@@ -93,15 +92,15 @@ class DotbotSwarm:
             self._held_at_s = now_s
             self._under_way.clear()
             for address in self._line.robots:
-                # With the route's end each time: who says one less takes the place of what waits for the line.
+                # Both messages each time: a shorter list would replace a queued end of the route.
                 self._line.orders.put(address, "wheels", *_standing(address))
 
     def release(self) -> None:
-        """They may be driven again."""
+        """Allow commands again."""
         self._held_at_s = None
 
     def set_led(self, address: str, led: Led) -> None:
-        """Show a colour."""
+        """Set the LED's colour. Raises: Unknown."""
         self._find(address)
         colour = {"red": led.red, "green": led.green, "blue": led.blue}
         self._line.orders.put(
@@ -109,7 +108,7 @@ class DotbotSwarm:
         )
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
-        """Visit these points in order, at most 16; none stops the robot. Raises: Held, UsageError."""
+        """Visit these points in order, at most 16; an empty route stops it. Raises: Held, Unknown, UsageError."""
         self._find(address)
         if not route:
             self.stop(address)
@@ -119,7 +118,7 @@ class DotbotSwarm:
         self._move(address, _route(address, route, threshold_mm), ROUTE_OLD_S)
 
     def clear_history(self, address: str) -> None:
-        """The controller forgets where the robot has been."""
+        """Delete the robot's trail in the controller. Raises: Unknown."""
         self._find(address)
         self._line.trails.put(address, "trail", f"/controller/dotbots/{address}/positions")
 
@@ -127,7 +126,7 @@ class DotbotSwarm:
         if address not in self._line.robots:
             raise Unknown("no such robot")
         if self._line.lost_at_s is not None:
-            raise Unknown("the robots' controller is away")
+            raise Unknown("no connection to the DotBot controller")
 
     def _move(self, address: str, words: dict[str, Any], good_for_s: float) -> None:
         with self._lock:
@@ -151,5 +150,5 @@ def _route(address: str, route: Sequence[Point], threshold_mm: float) -> dict[st
 
 
 def _standing(address: str) -> tuple[dict[str, Any], ...]:
-    # The first stops wheels at once; the second is said again by the controller until the robot confirms it.
+    # The first stops the wheels at once; the controller repeats the second until the robot confirms it.
     return _wheels(address, 0, 0), _route(address, (), 0)

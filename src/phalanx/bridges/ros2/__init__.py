@@ -1,1 +1,1 @@
-"""A robot whose sensors and motors are topics of ROS 2; only what imports node.py needs the extra `ros2`."""
+"""Robots with sensors and motors on ROS 2 topics. Modules that import graph.py need the extra `ros2`."""

@@ -1,4 +1,4 @@
-"""What a robot tells of itself as ROS 2's diagnostics have it: a shield, and verdicts."""
+"""Diagnostics of a robot's shield and verdicts, in the form of ROS 2."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 
 from .geometry import Place
 
-ODOM_IN_MAP = "odom in map"  # the value that says where a robot's odometry begins: x, y, yaw
+ODOM_IN_MAP = "odom in map"  # key of the pose of the odometry frame: x, y, yaw
 OK, WARN, ERROR = 0, 1, 2
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """One diagnostic_msgs/DiagnosticStatus."""
+    """Contents of one diagnostic_msgs/DiagnosticStatus."""
 
     level: int
     name: str
@@ -24,7 +24,7 @@ class Told:
 
 
 def told_of(state: Mapping[str, Any], odom_in_map: Place) -> tuple[Told, Told]:
-    """Return a shield and verdicts, from a state as `phalanx robot status --json` has it."""
+    """Return the status of the shield and of the verdicts, from the JSON of `phalanx robot status --json`."""
     tokens, needed = state["tokens"], state["tokens_needed"]
     place = f"{odom_in_map.x_m}, {odom_in_map.y_m}, {odom_in_map.yaw_rad}"
     values = {ODOM_IN_MAP: place} | {f"robot {each['auditor']}": f"{each['left_s']:.1f} s" for each in tokens}
@@ -43,7 +43,7 @@ def told_of(state: Mapping[str, Any], odom_in_map: Place) -> tuple[Told, Told]:
 
 
 def place_in(words: str) -> Place | None:
-    """The place that `odom in map` says; None if it says none."""
+    """Parse a value of ODOM_IN_MAP; None if it is invalid."""
     try:
         x_m, y_m, yaw_rad = map(float, words.split(","))
     except ValueError:

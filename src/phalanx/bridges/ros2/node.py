@@ -1,7 +1,7 @@
-"""The ROS 2 node beside a robot's daemon: odometry and advice in, commands that the a-node let through out.
+"""The ROS 2 node of a robot's daemon: receives odometry and advice, and publishes commands that the a-node allowed.
 
-Topics, parameters and QoS are called as in nav2's collision_monitor and velocity_smoother. A thread of its own waits
-for advice, and tells the robot what it is to do; the daemon takes what has come when it wants it, and never waits.
+Topics, parameters and QoS are named as in nav2's collision_monitor and velocity_smoother. A separate thread waits for
+advice and publishes the commands; the daemon polls what has come, and never blocks.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ DEFAULTS = {
 }
 PATIENCE_S = 5.0
 PACE_S = 0.005
-FARTHEST_M = 1e6  # what a guard takes for a reading
+FARTHEST_M = 1e6  # period of a guard's readings
 
 
 class RosBase(AdvisedHardware):
-    """Connects a robot's base and its planner by topics. Raises: UsageError: wrong arguments, or nobody can advise."""
+    """Hardware of a base and a planner on ROS 2 topics. Raises: UsageError: bad arguments, or no advised controller."""
 
     def __init__(
         self, rob_id: int, scenario: Scenario, declared: Declaration, namespace: str, arguments: Sequence[str]
     ) -> None:
         if scenario.controller != GUARD:
             raise UsageError(
-                f"the mission's controller is {scenario.controller}", "controller: guard, which is advised"
+                f"the mission's controller is {scenario.controller}", "use controller: guard, which takes advice"
             )
         self._id, self._reads, self._commands = rob_id, declared.reads, declared.commands
         self._held_s = (scenario.bti.t_control_ms + 3 * scenario.bti.delta_ms) / 1000
@@ -76,19 +76,19 @@ class RosBase(AdvisedHardware):
         except UsageError:
             self._graph.close()
             raise
-        self._odometry: tuple[float, Place, Pair] | None = None  # when it came, where the base is, how its point moves
-        self._wish: Pair | None = None  # driving and turning, not yet taken
-        self._told: tuple[float, Pair, Pair] | None = None  # since when, from which velocity on, which acceleration
+        self._odometry: tuple[float, Place, Pair] | None = None  # arrival time, pose, point velocity
+        self._wish: Pair | None = None  # speed and turn rate, not taken yet
+        self._told: tuple[float, Pair, Pair] | None = None  # begin, velocity at that time, acceleration
         self._sensed_mps: Pair = (0.0, 0.0)
         self._alive_s = time.monotonic()
         self._strange: str = ""
-        self._wake: Callable[[], object] = bool  # nobody is to be told yet
+        self._wake: Callable[[], object] = bool  # no callback yet
         self._speaks = False
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._live, daemon=True)
         self._thread.start()
 
-    # --- its thread ---------------------------------------------------------------------------------------------------
+    # --- the thread ---------------------------------------------------------------------------------------------------
 
     def _live(self) -> None:
         period_s, move_s = 1.0 / self._said["smoothing_frequency"], time.monotonic()
@@ -96,7 +96,7 @@ class RosBase(AdvisedHardware):
             self._graph.wait(self._wishes, min(move_s - time.monotonic(), PATIENCE_S))
             if (wish := self._wishes.take()) is not None:
                 self._on_wish(wish)
-                self._over.wait(PACE_S)  # whoever floods us takes no core
+                self._over.wait(PACE_S)  # limits the load of a flood
             if (now_s := time.monotonic()) >= move_s:
                 move_s = max(move_s + period_s, now_s)
                 self._hear()
@@ -125,7 +125,7 @@ class RosBase(AdvisedHardware):
             self._strange = "it makes no sense"
 
     def _move(self) -> None:
-        """Publish the last command while it is in force and the daemon does not hang, and else to stand still."""
+        """Publish the last command while it is valid and the daemon responds; otherwise publish a stop."""
         told, known = self._told, self._known()
         linear = angular = 0.0
         if told and known and time.monotonic() - self._alive_s <= HUNG_S:
@@ -136,21 +136,21 @@ class RosBase(AdvisedHardware):
         self._graph.move(self._out, linear, angular)
 
     def _known(self) -> tuple[Place, Pair] | None:
-        """Where the base is and how its point moves; None if that was heard too long ago."""
+        """Return pose and point velocity of the base; None if the last odometry is too old."""
         odometry = self._odometry
         if odometry is None or time.monotonic() - odometry[0] > self._said["source_timeout"]:
             return None
         return odometry[1], odometry[2]
 
-    # --- what the daemon asks -----------------------------------------------------------------------------------------
+    # --- calls of the daemon -----------------------------------------------------------------------------------------
 
     async def ready(self) -> None:
-        """Return when odometry comes. From now on publish commands, at first to stand."""
+        """Begin to publish commands, at first a stop, and wait for odometry."""
         self._speaks = True
         tell_s = time.monotonic() + PATIENCE_S
         while self._known() is None:
             if time.monotonic() > tell_s:
-                log.warning("robot %d waits: %s", self._id, self._no_odometry())
+                log.warning("robot %d is waiting: %s", self._id, self._no_odometry())
                 tell_s = math.inf
             await asyncio.sleep(0.05)
 
@@ -159,7 +159,7 @@ class RosBase(AdvisedHardware):
         return NoReading(f"no odometry on {self._odometries.topic}{strange}", "phalanx docs guides/ros2")
 
     async def sense(self, now_ms: int, within_s: float) -> bytes:  # noqa: ARG002 - it waits for nothing
-        """See `Hardware`: of the point ahead, in the map. Raises: NoReading: odometry has ceased."""
+        """See `Hardware`: motion of the control point in the map. Raises: NoReading: no recent odometry."""
         self._hear()
         known = self._known()
         if known is None:
@@ -173,7 +173,7 @@ class RosBase(AdvisedHardware):
         """See `Hardware`."""
         try:
             said = self._commands.decode(command)
-        except PeerError:  # what no body of this kind obeys
+        except PeerError:  # commands for other bodies
             self._told = None
         else:
             self._told = time.monotonic(), self._sensed_mps, (said["ax_mps2"], said["ay_mps2"])
@@ -187,21 +187,21 @@ class RosBase(AdvisedHardware):
         self._alive_s = time.monotonic()
 
     def planner(self, rob_id: int, goal_m: Pair) -> Planner:
-        """Who advises: whoever publishes on `cmd_vel_in_topic`."""
+        """Return the name of the planner: the publisher of `cmd_vel_in_topic`."""
         return _Advised(rob_id, goal_m, self)
 
     def on_advice(self, wake: Callable[[], object]) -> None:
-        """Call `wake` from now on, in any thread, when there is advice that was not taken yet."""
+        """Call `wake` from now on, from any thread, when new advice has come."""
         self._wake = wake
 
     def wish(self) -> Pair | None:
-        """How the point ahead would move, m/s in the map, were the last advice done; None if there is no new one."""
+        """Return the control point's advised velocity, m/s in the map; None without new advice."""
         wish, known = self._wish, self._known()
         self._wish = None
         return velocity_of(*wish, known[0].yaw_rad, self._said["ahead_m"]) if wish and known else None
 
     def tell(self, state: dict[str, Any]) -> None:
-        """Diagnostics of what the robot tells of itself (daemon/state.py)."""
+        """Publish diagnostics of the robot's status (daemon/state.py)."""
         message = DiagnosticArray()
         message.header.stamp = self._graph.now()
         for each in told_of(state, self._odom_in_map):
@@ -216,13 +216,13 @@ class RosBase(AdvisedHardware):
         self._diagnostics.publish(message)
 
     def close(self) -> None:
-        """See `Hardware`: the robot is told to stand, and the node is gone; a second time nothing more."""
+        """See `Hardware`: publish a stop and destroy the node; a second call does nothing."""
         if self._over.is_set():
             return
         self._told = None
         self._over.set()
         self._thread.join(timeout=PATIENCE_S)
-        self._move()  # the last word: nobody else speaks any more
+        self._move()  # the last message: the thread has ended
         self._graph.close()
 
 
@@ -232,5 +232,5 @@ class _Advised(Planner):
         self._base = base
 
     def advise(self, _t_s: float, _position_m: Pair, _velocity_mps: Pair) -> Sequence[float] | None:
-        """What the topic says."""
+        """Return the topic's advice."""
         return self._base.wish()

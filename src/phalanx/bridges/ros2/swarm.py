@@ -1,7 +1,7 @@
-"""Robots of ROS 2, as a `phalanx.robot.Swarm`: a gateway's node among theirs.
+"""Robots of ROS 2 as a `phalanx.robot.Swarm`: the gateway's node.
 
-A robot is whoever tells odometry: `r1` is there if there is /r1/odom. It is driven over its guard's `cmd_vel_raw`; one
-without a guard over `cmd_vel`, unprotected. Nothing that topics say is checked, so no shields are shown.
+Each namespace with odometry is a robot: `r1` exists if /r1/odom does. Commands go to its guard's `cmd_vel_raw`, or to
+`cmd_vel`, unprotected, if it has no guard. Topics are not authenticated, so no shields are shown.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ TURN_S, LOOK_S, JOIN_S = 0.05, 1.0, 2.0
 ODOM, RAW, DIRECT = "odom", "cmd_vel_raw", "cmd_vel"
 KIND = "nav_msgs/msg/Odometry"
 FARTHEST_M = 1e6
-# What wheels at 100 % mean: a TurtleBot's, roughly. Guards and bases have limits of their own.
+# Speeds of wheels at 100 %: roughly a TurtleBot's. Guards and bases have their own limits.
 DRIVE_MPS, TURN_RADPS, AHEAD_M = 0.5, 1.5, 0.2
-OLD_S = 0.5  # a word counts for so long, whatever becomes of who said it
-LAST_TIMES = 5  # zero is said so often, and then nothing, so that others may drive the robot
+OLD_S = 0.5  # lifetime of a command
+LAST_TIMES = 5  # a stop is published so often; then others may drive the robot
 MOST_ROBOTS = 100
 STANDS: Pair = (0.0, 0.0)
 
 
 class _Body:
-    """One robot, as its topics have it."""
+    """State of one robot, from its topics."""
 
     def __init__(self, graph: Graph, name: str) -> None:
         self.name = name
@@ -53,12 +53,12 @@ class _Body:
         self.out: Any = None
         self.at = Place()
         self.heard_at_s = self.battery_v = 0.0
-        self.wish: tuple[float, Pair] = (0.0, STANDS)  # until when it counts
+        self.wish: tuple[float, Pair] = (0.0, STANDS)  # end of its validity
         self.zeros = 0
 
 
 class RosSwarm(Roster):
-    """The robots of a ROS domain, as a context that stops them at its end. Raises: UsageError; Unavailable: none."""
+    """Robots of a ROS domain, in a context that stops them at its end. Raises: UsageError; Unavailable: no robot."""
 
     unprotected = (
         "what topics of ROS 2 say is checked by nobody, so pages show no shields; whoever is on the domain drives"
@@ -85,7 +85,9 @@ class RosSwarm(Roster):
         while not self.robots():
             if time.monotonic() > until_s:
                 self.__exit__(None, None, None)
-                raise Unavailable(f"no robot of ROS 2 tells {ODOM}", "the same ROS_DOMAIN_ID; phalanx docs guides/ros2")
+                raise Unavailable(
+                    f"no ROS 2 robot publishes {ODOM}", "use the robots' ROS_DOMAIN_ID; phalanx docs guides/ros2"
+                )
             time.sleep(TURN_S)
         return self
 
@@ -94,7 +96,7 @@ class RosSwarm(Roster):
         self._thread.join(JOIN_S)
         self._graph.close()
 
-    # --- its thread ---------------------------------------------------------------------------------------------------
+    # --- the thread ---------------------------------------------------------------------------------------------------
 
     def _live(self) -> None:
         look_s, left = 0.0, LAST_TIMES
@@ -107,13 +109,13 @@ class RosSwarm(Roster):
                 for i, body in enumerate(self._bodies):
                     self._hear(i, body)
                     self._tell(i, body, now_s)
-            except Exception:  # whatever it was, a stop has still to be said
+            except Exception:  # after any error, stops must still be published
                 log.exception("robots of ROS 2")
             left -= self._over.is_set()
             time.sleep(TURN_S)
 
     def _look(self) -> None:
-        """Who is there, what the map is and where odometry's frames are in it."""
+        """Update the list of robots, the map and the poses of odometry frames in it."""
         for topic, kinds in self._graph.node.get_topic_names_and_types():
             name, _, last = topic.rpartition("/")
             is_new = last == ODOM and KIND in kinds and all(body.name != name for body in self._bodies)
@@ -121,7 +123,7 @@ class RosSwarm(Roster):
                 known = member(len(self._bodies))
                 try:
                     body = _Body(self._graph, name)
-                except UsageError:  # so long a name that no other topic finds room beside it
+                except UsageError:  # the name is too long for another topic in its namespace
                     self._nobodies.add(name)
                     continue
                 self._members.append(replace(known, name=name.strip("/") or known.name))
@@ -140,13 +142,13 @@ class RosSwarm(Roster):
                         self._odom_in_map[name] = place
 
     def _look_at(self, body: _Body) -> None:
-        """Who listens, and its battery."""
+        """Update a robot's subscribers and battery."""
         for topic in (RAW, DIRECT):
-            # Once and for all: a guard that starts again must not find us past it.
+            # Permanent: when a guard restarts, commands must not bypass it.
             if body.out is None and self._graph.node.count_subscribers(f"{body.name}/{topic}"):
                 body.out = self._graph.publisher(Twist, f"{body.name}/{topic}", RELIABLE)
                 if topic == DIRECT:
-                    log.warning("%s has no guard: nothing bounds what visitors have it do", body.name or "/")
+                    log.warning("%s has no guard: visitors' commands reach it unchecked", body.name or "/")
         if (battery := body.battery.take()) is not None and 0 <= battery.voltage <= FARTHEST_M:
             body.battery_v = battery.voltage
 
@@ -184,9 +186,9 @@ class RosSwarm(Roster):
         body.out.publish(twist)
 
     def _steer(self, i: int, body: _Body) -> Pair:
-        """Along its route, from where it is; its first point is where it was told."""
+        """Steer a robot along its route, which begins at its position when the route was sent."""
         each = self._members[i]
-        route = each.route  # another thread may end it meanwhile
+        route = each.route  # another thread may end the route meanwhile
         here, _ = pose_of(self._area, body.at)
         if len(route) < 2:
             return STANDS
@@ -205,11 +207,11 @@ class RosSwarm(Roster):
 
     @property
     def area_mm(self) -> tuple[int, int]:
-        """Of the map that a map server tells, or 20 by 20 m around its origin."""
+        """Return the size of the map server's map, mm, or 20 by 20 m."""
         return self._area.size_mm
 
     def robots(self) -> Sequence[Robot]:
-        """Every robot that was ever heard, where its odometry says that it is."""
+        """Return all robots heard so far, at their odometry's positions."""
         return [
             each.seen(*pose_of(self._area, body.at), body.battery_v, body.heard_at_s)
             for each, body in zip(self._members, self._bodies, strict=False)
@@ -217,7 +219,7 @@ class RosSwarm(Roster):
         ]
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """Turn the wheels, for half a second at most; ends a route. Raises: Held; Unknown: nobody listens there."""
+        """Turn the wheels for at most half a second; end a route. Raises: Held; Unknown: no subscriber."""
         i = self._driven(address)
         self._members[i].route = ()
         left, right = (max(-100, min(100, pct)) / 100 for pct in (left_pct, right_pct))
@@ -225,21 +227,21 @@ class RosSwarm(Roster):
         self._bodies[i].wish = time.monotonic() + OLD_S, moves
 
     def stop(self, address: str) -> None:
-        """Stand still until told otherwise."""
+        """Stop the robot and end its route."""
         i = self._find(address)
         self._members[i].route = ()
         self._bodies[i].wish, self._bodies[i].zeros = (0.0, STANDS), LAST_TIMES
 
     def hold(self) -> None:
-        """All stand still until `release`: said twenty times a second, over what others say."""
+        """Stop all robots until `release`: publish stops twenty times a second."""
         self._held = True
 
     def release(self) -> None:
-        """They may be driven again."""
+        """Allow commands again."""
         self._held = False
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
-        """Visit these points in order, straight; none stops the robot. Raises: Held; Unknown."""
+        """Visit these points in order, in straight lines; an empty route stops the robot. Raises: Held; Unknown."""
         if not route:
             self.stop(address)
             return

@@ -1,7 +1,7 @@
-"""From a LaserScan and odometry of ROS 2 to what a mission's robot reads; nothing of rclpy.
+"""Conversion of ROS 2 scans and odometry to a mission's readings. Does not need rclpy.
 
-A mission's lidar is centred on forward and counts its beams to the left. Whatever a driver's scan is like becomes one,
-beam for beam; what is left of its place on the robot is that of the robot's eye, whose way odometry is reckoned to.
+A mission's lidar is centred on forward and counts its beams to the left. A driver's scan is reordered to that form beam
+for beam. The remaining offset is the pose of the lidar on the robot; odometry is transformed to the lidar's pose.
 
 Source: sensor_msgs/LaserScan, REP 103, 105 and 117.
 """
@@ -21,15 +21,15 @@ from phalanx.mission.landmarks.scan import LaserScan
 
 from .geometry import Place
 
-# A lidar that does not see all around looks ahead, give or take so much.
+# A lidar with less than a full turn must point forward within this angle.
 ASTRAY_RAD = 0.35
 FARTHEST_M = 60.0
-KEPT = 200  # moments of odometry: four seconds of a fast one
+KEPT = 200  # stored odometry messages: four seconds at a high rate
 
 
 @dataclass(frozen=True, slots=True)
 class Beams:
-    """Converts a driver's scans to those of `lidar`, which a mission knows; `eye` is its place on the robot."""
+    """Conversion of a driver's scans to those of `lidar`; `eye` is the lidar's pose on the robot."""
 
     count: int
     clockwise: bool
@@ -38,7 +38,7 @@ class Beams:
     first: int
 
     def scan_of(self, ranges: Sequence[float]) -> LaserScan:
-        """The same scan, as a mission's robot has it. Raises: UsageError: it has more beams, or fewer."""
+        """Return the scan in a mission's form. Raises: UsageError: another number of beams."""
         if len(ranges) != self.count:
             raise UsageError(f"a scan of {len(ranges)} beams", f"{self.count}, as the first one")
         said: NDArray[np.float64] = np.asarray(ranges, np.float64)
@@ -50,10 +50,10 @@ class Beams:
 def beams_of(
     count: int, first_rad: float, step_rad: float, limits_m: tuple[float, float], noise_m: float, mounted: Place
 ) -> Beams:
-    """Return how scans lie whose first beam is at `first_rad` of the laser's frame, each further one `step_rad` on.
+    """Return the conversion of scans with the first beam at `first_rad` in the laser's frame, and steps of `step_rad`.
 
-    `limits_m` are range_min and range_max, `mounted` is the laser's frame in the robot's.
-    Raises: UsageError: no lidar is so, or it looks aside.
+    `limits_m` are range_min and range_max, `mounted` is the pose of the laser's frame on the robot.
+    Raises: UsageError: the geometry is invalid, or the lidar points aside.
     """
     if not (count >= 2 and math.isfinite(first_rad) and 0 < abs(step_rad) < math.pi):
         raise UsageError(f"a scan of {count} beams, {step_rad} rad apart", "as sensor_msgs/LaserScan has it")
@@ -61,8 +61,8 @@ def beams_of(
     least = first_rad if step_rad > 0 else first_rad + (count - 1) * step_rad
     whole = round(math.tau / step)
     if count > whole + 1:
-        raise UsageError(f"a scan of {count} beams, {step_rad} rad apart", "a whole turn at most")
-    used = min(count, whole)  # the last beam of some drivers is their first again
+        raise UsageError(f"a scan of {count} beams, {step_rad} rad apart", "at most a full turn")
+    used = min(count, whole)  # some drivers repeat the first beam at the end
     lidar = LidarConfig(
         beams=used,
         fov_rad=math.tau if used == whole else step * used,
@@ -76,13 +76,15 @@ def beams_of(
         first = round(-astray / step)
         astray += first * step
     elif abs(astray) > ASTRAY_RAD:
-        raise UsageError(f"a lidar that looks {math.degrees(astray):.0f} degrees aside", "its middle beam ahead")
+        raise UsageError(
+            f"the lidar points {math.degrees(astray):.0f} degrees aside", "the middle beam must point forward"
+        )
     eye = Place(x_m=mounted.x_m, y_m=mounted.y_m, yaw_rad=astray)
     return Beams(count, step_rad < 0, lidar, eye, first % used)
 
 
 class Track:
-    """Follows the robot's eye by odometry, in a frame that begins where it did; `travelled_m` counts both ways."""
+    """Poses of the lidar by odometry, relative to its first pose; `travelled_m` counts forward and backward motion."""
 
     def __init__(self, eye: Place) -> None:
         self._eye, self._began = eye, Place()
@@ -91,9 +93,9 @@ class Track:
         self.travelled_m, self.newest_s = 0.0, -math.inf
 
     def add(self, t_s: float, base: Place, latest_s: float) -> bool:
-        """Odometry said this of that moment; one that is no later than the last is left out.
+        """Store the odometry of time `t_s`, unless it is not later than the last one.
 
-        And so is what is dated after `latest_s`, or all that comes until then would be too late; False says so.
+        Return False, and store nothing, if it is dated after `latest_s`: later messages would then count as too old.
         """
         if t_s > latest_s:
             return False
@@ -105,7 +107,7 @@ class Track:
         here = self._began.sees(there)
         if self._places:
             last = self._places[-1]
-            # Headings go on where a turn is full: a reading's is no angle but how far it turned.
+            # Headings are unwrapped: a reading has the total rotation.
             yaw_rad = last.yaw_rad + math.remainder(here.yaw_rad - last.yaw_rad, math.tau)
             here = replace(here, yaw_rad=yaw_rad)
             self.travelled_m += math.dist((here.x_m, here.y_m), (last.x_m, last.y_m))
@@ -116,7 +118,7 @@ class Track:
         return True
 
     def at(self, t_s: float) -> Place | None:
-        """Where it was at that moment, the last place if odometry is not so far; None before the first."""
+        """Return the interpolated pose at a time, or the last one if it is later; None before the first."""
         if not self._times or t_s < self._times[0]:
             return None
         places = ([each.x_m, each.y_m, each.yaw_rad] for each in self._places)

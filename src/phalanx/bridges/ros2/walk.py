@@ -1,7 +1,7 @@
-"""A mission that a robot of ROS 2 lives: scan and odometry in, cmd_vel out, and where it believes to be.
+"""Run a mission on a ROS 2 robot: receives scans and odometry, publishes cmd_vel and the believed pose.
 
-It knows the encoded file, its start key and where it stands at the start; no map. Time is that of the scans' stamps: a
-simulator that runs faster, or a recording, is lived as it is stamped. Names are nav2's, frames those of REP 105.
+It has the encoded file, its start key and the start pose, but no map. The time is that of the scans' stamps, so that
+faster simulators and recordings work. Names are nav2's, frames those of REP 105.
 """
 
 from __future__ import annotations
@@ -50,41 +50,41 @@ DEFAULTS = {
     "range_noise": 0.01,
     "source_timeout": 0.5,
 }
-STEP_S = 0.09  # from one scan that is lived to the next: a pilot reckons with a tenth of a second
-BACK_S = 1.0  # a clock that goes back by more was begun again
+STEP_S = 0.09  # least time between two processed scans: the pilot assumes 0.1 s
+BACK_S = 1.0  # a clock that goes back by more was restarted
 WAIT_S, PATIENCE_S = 0.1, 5.0
 MILLI = 1000
 NS = 1e-9
-# Where x, y and yaw stand in a covariance of six by six. Source: geometry_msgs/PoseWithCovariance.
+# Indices of x, y and yaw in a 6 x 6 covariance. Source: geometry_msgs/PoseWithCovariance.
 X, Y, YAW = 0, 7, 35
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errand:
-    """What a robot is given."""
+    """A mission, its start key and the start of one robot."""
 
     mission: EncodedMission
     key: StartKey | None
     robot: int
     start: Place  # of base_link, in the map
-    begin_s: float  # the mission's clock
+    begin_s: float  # mission clock at the start
     extraction: ExtractionConfig
 
 
 @dataclass(slots=True)
 class Lived:
-    """What became of it."""
+    """Progress and result of a mission."""
 
     done: bool = False
     t_s: float = 0.0
-    decoded: list[tuple[float, int, str]] = field(default_factory=list)  # when, node, name
+    decoded: list[tuple[float, int, str]] = field(default_factory=list)  # time, node, name
     not_validated: list[tuple[float, str]] = field(default_factory=list)
     actions: list[tuple[float, str]] = field(default_factory=list)
-    pose: Place | None = None  # of base_link, in the map, as it believes
+    pose: Place | None = None  # believed pose of base_link in the map
 
 
 class RosWalk:
-    """Runs a robot's mission until `close`; tells `on_event` what happens, and when, s. Raises: UsageError."""
+    """Runs a robot's mission until `close`; reports events with their time, s, to `on_event`. Raises: UsageError."""
 
     def __init__(
         self, errand: Errand, namespace: str, arguments: Sequence[str], on_event: Callable[[float, str], None]
@@ -113,7 +113,7 @@ class RosWalk:
         self._steps = 0
 
     async def live(self) -> None:
-        """Run the mission to its end. Raises: UsageError: no lidar of a mission's; Unavailable: stamps went back."""
+        """Run the mission to its end. Raises: UsageError: the lidar does not fit; Unavailable: stamps went back."""
         heard_s, said = time.monotonic(), False
         while not (self._controller and self._controller.over):
             await asyncio.to_thread(self._graph.wait, self._scans, WAIT_S)
@@ -127,15 +127,15 @@ class RosWalk:
             if silent_s > PATIENCE_S and not said:
                 said = True
                 missing = self._odometries if self._track is None and self._beams else self._scans
-                log.warning("the robot stands: %s", self._strange or f"nothing comes on {missing.topic}")
+                log.warning("the robot is waiting: %s", self._strange or f"no messages on {missing.topic}")
 
     def _step(self, scan: Any) -> bool:
-        """Return whether a scan was lived."""
+        """Process a scan; return whether it was used."""
         t_s = _seconds(scan.header.stamp)
         if t_s < self._last_s - BACK_S:
-            raise Unavailable("scans' stamps went back", "begin the mission again")
+            raise Unavailable("time stamps of scans went back", "start the mission again")
         if t_s < self._last_s + STEP_S:
-            self._strange = f"stamps of {self._scans.topic} do not go on" if t_s == self._last_s else ""
+            self._strange = f"time stamps on {self._scans.topic} do not advance" if t_s == self._last_s else ""
             return False
         if self._beams is None:
             limits = scan.range_min, scan.range_max
@@ -144,7 +144,7 @@ class RosWalk:
             )
         self._hear(self._beams, t_s)
         if self._track and t_s > self._track.newest_s + self._said["source_timeout"]:
-            self._strange = f"nothing new comes on {self._odometries.topic}"
+            self._strange = f"no new messages on {self._odometries.topic}"
             return False
         place = self._track.at(t_s) if self._track else None
         if place is None or self._track is None:
@@ -171,16 +171,16 @@ class RosWalk:
         return MissionController(errand.robot, missions, Walker(errand.mission, errand.key, config))
 
     def _hear(self, beams: Beams, scanned_s: float) -> None:
-        """Odometry that came since."""
+        """Process the odometry that came since the last scan."""
         said = self._said
         for message in self._odometries.take_all():
             frames = message.header.frame_id, message.child_frame_id
             if frames[0] != said["odom_frame_id"] or frames[1] not in (said["base_frame_id"], ""):
-                self._strange = f"odometry is of {frames[1]} in {frames[0]}, not as odom_frame_id and base_frame_id say"
+                self._strange = f"odometry of {frames[1]} in {frames[0]} does not match odom_frame_id and base_frame_id"
                 continue
             base = place_of(message.pose.pose)
             if not all(map(math.isfinite, (base.x_m, base.y_m, base.yaw_rad))):
-                self._strange = "odometry makes no sense"
+                self._strange = "odometry has numbers that are not finite"
                 continue
             if self._track is None:
                 self._track = Track(beams.eye)
@@ -229,7 +229,7 @@ class RosWalk:
         self._pose.publish(told)
 
     def close(self) -> None:
-        """The robot is told to stand, and the node is gone."""
+        """Publish a stop and destroy the node."""
         self._graph.move(self._out, 0.0, 0.0)
         self._graph.close()
 

@@ -1,7 +1,7 @@
-"""What PyDotBot's controller tells of its robots: checked before it is believed, and kept up to date.
+"""Parser of the state stream of PyDotBot's controller: validates messages and keeps the robots' states.
 
-Only this file reads the words of the controller's stream, protocol 2, as PyDotBot 0.33 speaks it. What it says comes
-out whole and in range, or as `BadPayload`; whoever reads the socket limits its length.
+Only this file parses the stream, protocol 2 of PyDotBot 0.33. Values are complete and in range, or `BadPayload` is
+raised; the reader of the socket limits the length.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from phalanx.robot import Led, Point, Robot
 
 PROTOCOL = 2
 ADDRESS = re.compile(r"[0-9A-F]{16}")
-MOST_ROBOTS = 2000  # as many as the visitors' page keeps
-TRAIL_POINTS = 200  # asked for, and kept; the controller has 1000 of each
+MOST_ROBOTS = 2000  # the limit of the visitors' page
+TRAIL_POINTS = 200  # requested and stored; the controller has 1000 of each
 MOST_POINTS = 1000
-ANY_AREA_MM = (2000, 2000)  # PyDotBot's own, of a site that says no extent
+ANY_AREA_MM = (2000, 2000)  # PyDotBot's default for a site without an extent
 LARGEST_AREA_MM = FAR_MM = 1_000_000
 NOWHERE = Point(math.nan, math.nan)
-UNSAID_LED = Led(128, 128, 128)  # the controller tells a colour only after somebody chose one
+UNSAID_LED = Led(128, 128, 128)  # the controller sends a colour only after it was set
 UNSAID_THRESHOLD_MM = 100
-DOTBOT, FOLLOWING = 0, 1  # an application, a mode
-# How long a robot has been silent at least that is active, stale, lost: as our own pages tell the three apart.
+DOTBOT, FOLLOWING = 0, 1  # application, mode
+# Least silence of a robot that is active, inactive or lost, as our pages distinguish them.
 SILENT_S = (0.0, 5.0, 60.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Dotbot:
-    """One robot as the controller told of it."""
+    """State of one robot."""
 
     words: Mapping[str, Any]  # fields by name, checked
     robot: Robot
-    active: bool  # heard of late, by the controller's judgement
+    active: bool  # heard recently, according to the controller
 
 
 class _Known:
-    """Robots that were told of whole."""
+    """Robots with complete states."""
 
     def __init__(self) -> None:
         self.here: dict[str, Dotbot] = {}
-        self.others: set[str] = set()  # boats, and whatever else is no DotBot
-        self._names: dict[str, str] = {}  # short ones, and whose each is
+        self.others: set[str] = set()  # boats, and all others that are no DotBots
+        self._names: dict[str, str] = {}  # short name -> address
 
     def add(self, address: str, words: dict[str, Any], now_s: float) -> None:
         if _whole(words.get("application"), 0, 255) != DOTBOT:
@@ -63,15 +63,15 @@ class _Known:
 
 
 class Fleet:
-    """The robots of one connection; None until all have come. Source: PyDotBot 0.33, dotbot/stream.py."""
+    """Robots of one connection; None until the first snapshot is complete. Source: PyDotBot 0.33, dotbot/stream.py."""
 
     def __init__(self) -> None:
         self.robots: Mapping[str, Dotbot] | None = None
         self._known = _Known()
-        self._coming: _Known | None = None  # of a snapshot whose parts are not all here
+        self._coming: _Known | None = None  # of an incomplete snapshot
 
     def hear(self, text: str, now_s: float) -> int | None:
-        """Take in a message; return the number to acknowledge, if it has one. Raises: BadPayload."""
+        """Process a message; return the number to acknowledge, if it has one. Raises: BadPayload."""
         try:
             said = json.loads(text)
         except (ValueError, RecursionError) as error:
@@ -96,7 +96,7 @@ class Fleet:
             self._coming = _Known()
         if self._coming is None:
             raise BadPayload("a part before the first")
-        for robot in _list(said.get("robots"), MOST_ROBOTS):  # checked now: its words might be 4 MiB of anything
+        for robot in _list(said.get("robots"), MOST_ROBOTS):  # validate at once instead of storing up to 4 MiB
             self._coming.add(_address(_object(robot).get("address")), robot, now_s)
         if part == parts:
             self._known, self._coming = self._coming, None
@@ -114,7 +114,7 @@ class Fleet:
             elif address in known.here:
                 known.here[address] = _changed(known.here[address], patch, now_s)
             elif address not in known.others:
-                raise BadPayload("a change of a robot that it did not tell of")
+                raise BadPayload("a change of an unknown robot")
         self._publish()
 
     def _publish(self) -> None:
@@ -136,13 +136,13 @@ def area_of(site: bytes) -> tuple[int, int]:
 
 
 def _changed(before: Dotbot, patch: dict[str, Any], now_s: float) -> Dotbot:
-    """An RFC 7396 merge patch of the fields that we read; null is no value."""
+    """Apply an RFC 7396 merge patch to the fields that we use; null removes a value."""
     said = {name: None if patch[name] is None else form(patch[name]) for name, form in _FORMS.items() if name in patch}
     words = {**before.words, **{name: value for name, value in said.items() if not name.startswith("trail")}}
     robot, trail = before.robot, before.robot.history
     if "trail" in said or "trail_reset" in said:
         trail = said.get("trail") or ()
-    # Tuples that did not change stay the same ones: frames compare them ten times a second.
+    # Unchanged tuples keep their identity: state updates compare them ten times a second.
     if more := said.get("trail_append"):
         trail = (*trail, *more)
     status = words.get("status") or 0
@@ -163,7 +163,7 @@ def _changed(before: Dotbot, patch: dict[str, Any], now_s: float) -> Dotbot:
 
 
 def _at(words: Mapping[str, Any]) -> Point:
-    """Return the middle of the axle, which waypoints steer, or what the lighthouse sees. Source: PyDotBot 0.33."""
+    """Return the middle of the axle, which waypoints steer, else the lighthouse's position. Source: PyDotBot 0.33."""
     return words.get("axle_position") or words.get("pose") or words.get("lh2_position") or NOWHERE
 
 
@@ -200,7 +200,7 @@ def _whole(value: Any, low: int, high: int) -> int:
 
 def _place(value: Any) -> Point:
     x, y = (_number(_object(value).get(key), -math.inf, math.inf) for key in ("x", "y"))
-    # A robot whose lighthouses are not calibrated tells any 32 bits: it is nowhere, and the others are told.
+    # A robot with uncalibrated lighthouses sends arbitrary numbers: it has no position; others are unaffected.
     return Point(float(x), float(y)) if max(abs(x), abs(y)) <= FAR_MM else NOWHERE
 
 
