@@ -164,12 +164,20 @@ def next_fragment(f: Fleet, i: int, now: int, packet: Row) -> int:
 
 @kernel
 def postpone(f: Fleet, i: int, now: int) -> int:
-    """Keep the fragment that the radio or the a-node did not accept; return when to send it, ms of the robot's clock.
+    """Handle a fragment that the radio or the a-node did not accept; return when to go on, ms of the robot's clock.
 
-    The token request stays valid. Dropping the request would let compromised robots that never acknowledge stop this
-    one: each would use up one of its few token requests, and airtime for asking others (docs/adr/0039).
+    The fragment waits, and its token request stays valid. But if the auditor has acknowledged nothing, and another one
+    has answered SEEK and was not asked in this round, the robot asks that one. Otherwise compromised robots that never
+    acknowledge could use up this robot's airtime and its few token requests, and so stop it (docs/adr/0039).
     """
     r = f.robot[i]
+    if r.seeks and r.repeats > 0 and r.request_next <= 1:
+        other = next_candidate(f, i, now)
+        if other != 0 and f.peer[i, peer_at(f, i, other)].asked != r.round_no:
+            withdraw(f, i)
+            r.quota += 1
+            r.retry_at = now + 1
+            return int(r.retry_at)
     r.request_next = max(r.request_next - 1, 0)
     r.repeat_at = now + max(1, f.settings[0].t_audit >> POSTPONED)
     r.retry_at = r.repeat_at
