@@ -27,7 +27,7 @@ protocol = partial(flock, scene="protocol")  # harm: the score of its protocol
 
 # fmt: off
 LIBRARY: dict[str, tuple[Attack, ...]] = {
-    "False states and commands": (
+    "False packets and commands": (
         flock("spoof", "claims.Spoof", STOPPED, ASTRAY, 5,
                options={"strong": Option((0, 1), ("none",)), "every": Option(least=0.1)},
                does="claims in other robots' names that they are between a victim and the goal",
@@ -157,7 +157,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="forges tokens before the mission key is loaded, under a zero key and 49 days ahead; then rams",
                stopped_by="in `hardened` a node without a key computes no MAC, and loading a key clears the tokens"),
     ),
-    "Attacks on the channel and on other robots' audits": (
+    "Attacks on the channel and on others' audits": (
         flock("request-flood", "channel.RequestFlood", by_defence("harmless", "bites", "limited"), STARVED, 1,
                does="sends auditors empty audit requests in all robots' names, so that valid ones are rejected",
                stopped_by="nothing ends it; in `hardened` the a-node writes the source, and auditors accept one "
@@ -216,7 +216,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="sends each auditor a valid token request again and again, to use up its audits",
                stopped_by="no defence is needed: a token request counts once, and a-nodes make few"),
     ),
-    "Faults, and harm that no audit can detect": (
+    "Faults, and attacks that no audit can detect": (
         flock("nondeterministic", "hijack.Nondeterministic", by_defence("harmless", "stopped", "stopped"), ASTRAY, 1,
                does="a fault, no attack: the last bit of each command is random",
                stopped_by="replay computes other bytes: audits cannot tell it from an attack (phalanx docs adr/0012)"),
@@ -240,7 +240,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="fills the channel with a transmitter that bypasses the a-node",
                stopped_by="no software can; robots that get no tokens stop, which is safe"),
     ),
-    "Missions in transit": (
+    "Attacks on the delivery": (
         errand("flip-bit", "missions.files.FlipBit", STOPPED, WRONG, 1,
                against="file", options={"bit": Option(), **CHECKED},
                does="changes one bit of the mission on its way to the robot",
@@ -270,7 +270,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                stopped_by="a start key names its mission, and opens no other; missions in `none` and `paper` "
                           "have no start key"),
     ),
-    "Sensors and messages of a mission": (
+    "Attacks on sensors and messages": (
         errand("spoof-scan", "missions.between.SpoofScan", STOPPED, FALSE, 1, against="sensors",
                does="shows the lidar another room, in which a door stands elsewhere",
                stopped_by="a landmark at another place does not decode; without a match the robot gets no position "
@@ -308,7 +308,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="sends the robot random messages until it drops the valid one",
                stopped_by="the robot does nothing wrong; it waits until the valid message is sent again"),
     ),
-    "The robot's body": (
+    "Faults of the body": (
         errand("dead-wheel", "missions.between.DeadWheel", STOPPED, FALSE, 1, against="body",
                does="a fault: one wheel spins without moving the robot, which odometry cannot detect",
                stopped_by="landmarks are not where odometry expects them: no node decodes"),
@@ -316,7 +316,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="lets both wheels slip: each moves the robot half as far as it turns",
                stopped_by="as for `dead-wheel`; slip of less than a tenth is drift, and is corrected"),
     ),
-    "Missions that peers replay": (
+    "Attacks by a robot on an audited mission": (
         team("skip-node", "missions.cheat.SkipNode", STOPPED, WRONG, 1,
                does="continues as if it had decoded a node that it never saw",
                stopped_by="replay has not decoded the node: it drives elsewhere, and the next claimed node is not "
