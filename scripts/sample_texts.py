@@ -25,8 +25,8 @@ from phalanx.cli.main import phalanx
 ROOT = Path(__file__).parent.parent
 LEAST_WORDS = 5
 WORDS = re.compile(r"[A-Za-z][a-z']+")
-# Sentences between tags of a page, and in its strings.
-PAGE_TEXT = re.compile(r'>\s*([^<>{}`=;]+?)\s*<|"([^"\n<>]+)"')
+# Strings and templates of TypeScript.
+PAGE_TEXT = re.compile(r'"([^"\n]+)"|`([^`\n]+)`')
 Texts = Iterator[tuple[str, str]]
 
 
@@ -76,13 +76,11 @@ def said(node: ast.Constant | ast.JoinedStr) -> str:
 
 
 def pages() -> Texts:
-    """Yield the sentences of the visitors' and the operator's pages."""
-    for folder in ("visitor", "operator", "viewer"):
-        for path in sorted((ROOT / "web" / folder).rglob("*.ts*")):
-            if ".test." not in path.name:
-                source = re.sub(r"^\s*(//|\*|/\*|import).*", "", path.read_text(), flags=re.MULTILINE)
-                for found in PAGE_TEXT.finditer(source):
-                    yield " ".join((found[1] or found[2]).split()), str(path.relative_to(ROOT))
+    """Yield the English texts of all pages, with {} for each value."""
+    path = ROOT / "web" / "texts" / "en.ts"
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        for found in PAGE_TEXT.finditer(line):
+            yield re.sub(r"\$\{[^}]*\}", "{}", found[1] or found[2]), f"{path.relative_to(ROOT)}:{number}"
 
 
 KINDS: tuple[Callable[[], Texts], ...] = (documents, helps, messages, pages)
