@@ -113,7 +113,7 @@ export const visitor = {
   drive: "Drive",
   stopRoute: "Stop route",
   clearTrail: "Clear trail",
-  tapOne: "Tap one on the map, or choose it here.",
+  tapOne: "Tap a robot on the map, or choose one here.",
   stopped: "stopped",
   notHeard: "no signal for a while",
   lost: "lost",
@@ -450,7 +450,7 @@ export const operator = {
   // Explanations of terms
   terms: {
     mode: "How visitors are admitted. session: the code admits them, then each has their own keys. qrkey: all share the code’s key, so nobody can be removed.",
-    code: "It contains a secret that admits new visitors. It changes from time to time; the previous one works for two more minutes.",
+    code: "The code contains a secret that admits new visitors. The code changes from time to time; the previous code works for two more minutes.",
     newCode: "The previous code is refused at once, even if somebody has scanned it but not joined yet. Joined visitors stay.",
     sharedCode: "Changes the code at once. Nobody is logged out: joined phones receive the new one. In mode qrkey nobody can be removed.",
     room: "For visitors without a camera: they open the address and type these digits. Each room code admits one visitor, then the next one is shown. If strangers use up its 120 tries, hide it and show a new one.",
@@ -504,7 +504,7 @@ export const operator = {
   compiling: "Compiling…",
   compilingLocks: (done: number, of: number) => `Compiling: ${done} of ${of} locks`,
   changedSince: "Changed since it was compiled: compile it again.",
-  runsOnRobots: (n: number, of: number) => `The robots have been put at the start and carry it out: ${n} of ${of} decoded.`,
+  runsOnRobots: (n: number, of: number) => `The robots are at the start and carry out the mission: ${n} of ${of} nodes decoded.`,
   sent: "Sent.",
   compiledBut: (look: string, more: number) => `Compiled, but look at this: ${look}${more > 0 ? ` (and ${more} more below)` : ""}`,
   compiled: "Compiled. Send places the robots at the start and starts the mission.",
