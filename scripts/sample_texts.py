@@ -36,11 +36,11 @@ def is_text(text: str) -> bool:
 
 
 def documents() -> Texts:
-    """Yield the paragraphs of all documents but records of decisions."""
+    """Yield the paragraphs and list items of all documents but decision records; no fragments of sentences."""
     for page in lint_docs.pages():
         if page.parent.name != "adr":
             for line, text in lint_docs.paragraphs(lint_docs.prose(page.read_text())):
-                if not text.startswith("#"):
+                if not text.startswith("#") and text.endswith((".", ":")) and not text[0].islower():
                     yield text, f"{page.relative_to(ROOT)}:{line}"
 
 
