@@ -233,7 +233,7 @@ export const operator: typeof en.operator = {
   noAnswer: "keine Antwort",
   lastHeard: (time) => ` · zuletzt gehört vor ${time}`,
   needsALink: "Diese Seite braucht einen Code oder Link der Leitung",
-  notValid: "Der, mit dem sie geöffnet wurde, gilt nicht oder ist verbraucht.",
+  notValid: "Der Code, mit dem diese Seite geöffnet wurde, gilt nicht oder ist verbraucht.",
   over: {
     removed: "Jemand anders von der Leitung hat diese Seite entfernt.",
     too_many: "Zu viele Verbindungen von dieser Adresse auf einmal.",
@@ -291,7 +291,7 @@ export const operator: typeof en.operator = {
   hideTheCode: "Code verbergen",
   tabletCode: "Code für ein Tablet der Leitung",
   tabletQrCode: "QR-Code, der ein Tablet zur Leitung macht",
-  whoScansIsOperator: "Wer das scannt, gehört zur Leitung.",
+  whoScansIsOperator: "Wer diesen Code scannt, gehört zur Leitung.",
   oneTablet: "Ein Tablet, innerhalb von zehn Minuten.",
 
   visitors: "Besucher",
@@ -301,7 +301,7 @@ export const operator: typeof en.operator = {
   openTheDoor: "Tür öffnen",
   everybodyOut: "Alle hinaus",
   reallyEverybody: "Wirklich alle?",
-  nobodyYet: "Noch niemand. Der Code wartet.",
+  nobodyYet: "Noch keine Besucher.",
   visitorsAndRoles: "Besucher und was sie dürfen",
   name: "Name",
   role: "Rolle",
