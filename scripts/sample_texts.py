@@ -1,6 +1,6 @@
 """Draw texts that people read, for readers who see the text and nothing else.
 
-    PYTHONPATH=src:. python scripts/sample_texts.py [--seed 6] [--count 60] > tests/data/text_sample.csv
+    PYTHONPATH=src:. python scripts/sample_texts.py [--seed 7] [--count 60] > tests/data/text_sample.csv
 
 Equally many of each kind: paragraphs of documents, help of commands, messages in Python, texts of the pages. Each
 reader explains each text. If fewer than 54 of 60 explanations are right, rewrite the others and draw a new sample.
@@ -87,17 +87,17 @@ KINDS: tuple[Callable[[], Texts], ...] = (documents, helps, messages, pages)
 
 
 def main() -> None:
-    """Print the sample as CSV; the last column is for the readers."""
+    """Print the sample as CSV; the last two columns are for the explanation and its judgement."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--count", type=int, default=60)
     options = parser.parse_args()
     chance = random.Random(options.seed)  # noqa: S311
     out = csv.writer(sys.stdout, lineterminator="\n")
-    out.writerow(("text", "where", "explained"))
+    out.writerow(("text", "where", "reader", "right"))
     for kind in KINDS:
         texts = sorted({text: (text, where) for text, where in kind() if is_text(text)}.values())
-        out.writerows((*row, "") for row in chance.sample(texts, options.count // len(KINDS)))
+        out.writerows((*row, "", "") for row in chance.sample(texts, options.count // len(KINDS)))
 
 
 if __name__ == "__main__":

@@ -199,7 +199,7 @@ export const visitor = {
   unlockedAll: "All steps are readable now.",
   stillSecret: (n: number) => `${n} still secret: only a robot that gets there can read ${n === 1 ? "it" : "them"}.`,
   missionCompleted: (count: string) => `Mission completed: ${count}, all robots have stopped.`,
-  missionStopped: (done: number, of: number, count: string) => `All robots have stopped, ${done} of ${of} completed: ${count}.`,
+  missionStopped: (done: number, of: number, count: string) => `All robots have stopped; ${done} of ${of} completed the mission. ${count}.`,
   missionRuns: (count: string) => `${count}.`,
   missionRunsOn: (count: string, done: number, of: number) => `${count}; ${done} of ${of} robots completed the mission.`,
   walks: {
