@@ -80,7 +80,7 @@ describe("missions", () => {
     const halt = play([frame(1, { walks: [[2, "done", 5, 5, ""]], mission: [["m1", 5, 0]] })], held);
     expect(words(halt).slice(0, 3)).toEqual([
       "stopped",
-      "All robots have stopped, 1 of 2 completed: 5 of 5 steps unlocked.",
+      "All robots have stopped; 1 of 2 completed the mission. 5 of 5 steps unlocked.",
       "All steps are readable now.",
     ]);
     const done = play([frame(2, { walks: [[1, "done", 5, 5, ""]] })], halt);

@@ -140,7 +140,7 @@ def log() -> None:
 @option(
     "--keys", type=FILE, metavar="FILE.keys", help="Key file of phalanx keys, to check the MACs of the trusted nodes."
 )
-@option("--key", "issued", type=FILE, metavar="MISSION.json", help="Mission key file of phalanx keys issue; give it together with --keys.")
+@option("--key", "issued", type=FILE, metavar="MISSION.json", help="File of phalanx keys issue; needs --keys.")
 @options.passphrase_option
 @option("--trust", multiple=True, metavar="KEY", help="Trusted signer of the mission: 64 hex digits, or a PEM file.")
 @options.json_option
