@@ -20,14 +20,14 @@ from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 
 from .mission.crack import span
 from .sim import TYPED, changed, named, progress, told, warn
-from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
+from .terminal import Progress, counted, end_status_line, print_json, print_rows, stdout_to_stderr
 
 DURATION_S = 150.0  # as in the paper
 
 
 def run(name: str, defence: Any, controller: str | None, as_json: bool, **options: Any) -> int:
     """Run an attack, and the same run without it. Return 1 if the outcome differs from the declared one."""
-    with said_aside():
+    with stdout_to_stderr():
         first = find_attack(name)
     if not (first.own or first.name in known_attacks()):
         raise UsageError(
@@ -36,7 +36,7 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **option
     trial: FlockTrial | MissionTrial | TeamTrial
     goal_m: tuple[float, float] | None = None
     if first.attack.in_swarm:
-        with said_aside(), mistakes_in(controller, name):
+        with stdout_to_stderr(), mistakes_in(controller, name):
             trial, goal_m = _try_in_flock(first, options, defence, controller)
     elif first.attack.scene == "team":
         trial = _try_in_team(name, first, options | {"controller": controller}, defence)

@@ -13,7 +13,7 @@ from phalanx.papers.table import version
 
 from .sim import told
 from .sweep import make_runs
-from .terminal import print_json, print_table, said_aside, talk, warn_if_nothing_is_drawn
+from .terminal import print_json, print_table, stdout_to_stderr, talk, warn_if_nothing_is_drawn
 
 NAME = "scorecard.csv"
 HEADS = (
@@ -32,7 +32,7 @@ def scorecard(
     as_json: bool,
 ) -> int:
     """Make missing runs and the table of all. Return 1 if interrupted, a run failed, or `hardened` broke a promise."""
-    with said_aside():
+    with stdout_to_stderr():
         plan = scorecard_plan([*map(absolute, attacks)], [*map(absolute, controllers)], seeds)
     warn_if_nothing_is_drawn()
     store, failed, stopped = make_runs(plan, out, scheduler, workers, OUTCOME, run=run_bout)

@@ -21,7 +21,7 @@ from phalanx.world.scenarios.cautions import cautions
 from phalanx.world.scenarios.play import play
 from phalanx.world.scenarios.run import Run
 
-from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside, stopped
+from .terminal import Progress, counted, end_status_line, print_json, print_rows, stdout_to_stderr, stopped
 
 # The options of scenario fields with another name.
 TYPED = {
@@ -63,7 +63,7 @@ def choose(
     scenario: str, defence: Any, attacks: tuple[str, ...], controller: str | None, planner: str | None, **options: Any
 ) -> Chosen:
     """Return the scenario, controller and planner that `chosen_options` name. Raises: UsageError, Unavailable."""
-    with said_aside():
+    with stdout_to_stderr():
         chosen_attacks = find_attacks(attacks) if attacks else None
         wanted = changed(find_scenario(scenario), options, defence=defence, attacks=chosen_attacks)
         found, own = find_controller(controller, wanted)
@@ -84,7 +84,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
             started.trace(traced, lambda line: click.echo(line, file=lines))
 
     try:
-        with said_aside(), mistakes_in(*chosen.files):
+        with stdout_to_stderr(), mistakes_in(*chosen.files):
             ended = play(
                 chosen.scenario,
                 record,
@@ -117,7 +117,7 @@ def check(controller: str, seed: int, as_json: bool) -> int:
     """Check that auditors can replay a controller, print where its outputs differ, and return 1 if they do."""
     from phalanx.lab.determinism.check import check_controller  # noqa: PLC0415 - needed here only
 
-    with said_aside():
+    with stdout_to_stderr():
         report = check_controller(controller, seed)
     if as_json:
         print_json(report.as_json())

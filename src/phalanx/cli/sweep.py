@@ -12,7 +12,7 @@ from phalanx.lab.sweep.store import OUTCOME, Store, points
 from phalanx.papers.table import version
 
 from .sim import told
-from .terminal import Progress, end_status_line, print_json, print_table, said_aside, talk
+from .terminal import Progress, end_status_line, print_json, print_table, stdout_to_stderr, talk
 
 MOST_FAILURES = 10  # printed one by one
 
@@ -48,7 +48,7 @@ def make_runs(
 
     with Store(out, plan, version(), columns) as store:
         try:
-            with said_aside():
+            with stdout_to_stderr():
                 failed = run_sweep(plan, store, scheduler, workers, show_progress, run=run)
         except KeyboardInterrupt:
             stopped = True

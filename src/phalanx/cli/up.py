@@ -41,7 +41,7 @@ from .gateway_of import default_state
 from .mission.files import Wanted
 from .options import link_config
 from .run import needs_ros2, run
-from .terminal import EventLines, end_status_line, heed_stop_words, plain, status_line, talk
+from .terminal import EventLines, end_status_line, plain, read_stop_commands, status_line, talk
 
 log = logging.getLogger(__name__)
 
@@ -302,7 +302,7 @@ def _start(newest: list[Running], running: Running, *, reads_stdin: bool, shows_
     if is_first and reads_stdin:
         loop = asyncio.get_running_loop()
         tablet = partial(loop.call_soon_threadsafe, lambda: _show_tablet_code(newest[0]))
-        heed_stop_words(hold, {"tablet": tablet} if shows_tablet else {})
+        read_stop_commands(hold, {"tablet": tablet} if shows_tablet else {})
 
 
 def _run_for_people(options: UpOptions, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:

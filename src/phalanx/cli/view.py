@@ -24,7 +24,7 @@ from phalanx.world.scenarios.scenes import MOST_TOLD, Live, lines_of
 
 from .run import run
 from .sim import Chosen, choose, progress, warn
-from .terminal import end_status_line, said_aside, talk
+from .terminal import end_status_line, stdout_to_stderr, talk
 
 Put = Callable[[dict[str, Any] | None], None]
 
@@ -59,7 +59,7 @@ def _live(chosen: Chosen, put: Put, check: Callable[[], None]) -> None:
         live.write(run, run.new_verdicts())
         show_progress(run)
 
-    with said_aside(), mistakes_in(*chosen.files):
+    with stdout_to_stderr(), mistakes_in(*chosen.files):
         play(chosen.scenario, None, on_step, chosen.controller, planner=chosen.planner)
     live.end()
     put(None)
