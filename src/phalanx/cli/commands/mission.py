@@ -121,7 +121,7 @@ def verify() -> None:
     "--trial", help="Also simulate the mission this many times, each with another seed.", type=click.IntRange(1, 1000)
 )
 @options.json_option
-@runs("mission.worth", "tell_worth")
+@runs("mission.worth", "print_audit")
 def audit() -> None:
     """Report how hard a captured mission is to read, and where robots would fail to follow it.
 

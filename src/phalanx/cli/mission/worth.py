@@ -30,7 +30,7 @@ from .files import building
 LIVED = ("decoded", "nodes", "false_fixes", "false_decodes", "pose_error_m_max", "t_s")
 
 
-def tell_worth(
+def print_audit(
     source: str | None,
     profile: str,
     plan: str | None,
