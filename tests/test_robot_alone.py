@@ -35,7 +35,7 @@ from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.driver import Driver, NoReading, OwnDriver, make_driver, no_reading
 from phalanx.daemon.driver_thread import DriverThread
-from phalanx.daemon.evidence import Kept
+from phalanx.daemon.evidence import RobotLog
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.lateness import Lateness, why_stopped
 from phalanx.daemon.life import Life
@@ -262,7 +262,7 @@ def a_log(*packets):
         gateway_key=PUBLIC[GATEWAY].hex(),
         operator_key=PUBLIC[OPERATOR].hex(),
     )
-    return Kept(1, MISSION, 500, scenario, b"".join(told))
+    return RobotLog(1, MISSION, 500, scenario, b"".join(told))
 
 
 def test_who_said_what_a_robot_was_told_is_named_and_what_nobody_signed_as_well(monkeypatch):

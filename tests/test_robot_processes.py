@@ -21,7 +21,7 @@ from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.nodes import limits_of
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig, RadioConfig
-from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.evidence import read_robot_log
 from phalanx.daemon.proofs import proven, unsealed
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
@@ -110,11 +110,11 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     assert all(told.get("bad_mac") and told.get("repeated") for told in heard), heard
     assert 0.7 < summary["broadcast_delivery"] < 0.9
     # What they logged says the same, from the mission key on: over many checkpoints, and as a recording too.
-    assert read_kept(kept / "robot-1.log").first_lie() is None
-    assert len(read_kept(kept / "robot-1.log").raw) > summary["log_bytes_max"], "nothing was ever covered"
+    assert read_robot_log(kept / "robot-1.log").first_lie() is None
+    assert len(read_robot_log(kept / "robot-1.log").raw) > summary["log_bytes_max"], "nothing was ever covered"
     # And it is what their trusted nodes saw: with the key that only these have.
     for rob_id in (1, 3):
-        log = read_kept(kept / f"robot-{rob_id}.log")
+        log = read_robot_log(kept / f"robot-{rob_id}.log")
         sealed = read_mission_key(kept / "key.json", rob_id)
         key = unsealed(read_board(kept / f"board-{rob_id}.bin", rob_id), sealed)
         assert proven(log, key).holds
@@ -386,7 +386,9 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
             while body.told():  # to its motors' socket's end
                 assert time.monotonic() < until_s
         advice = {
-            kept.raw[each.at : each.end] for kept in [read_kept(tmp_path / "robot-2.log")] for each in kept.entries()
+            kept.raw[each.at : each.end]
+            for kept in [read_robot_log(tmp_path / "robot-2.log")]
+            for each in kept.entries()
         }
         assert guarded.ADVICE.encode(bytes=WISHED) in advice, "its planner was not asked, or it is not on disk"
         again = subprocess.run((*PHALANX, "robot", "run", str(path)), capture_output=True, text=True, check=False)

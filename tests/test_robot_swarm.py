@@ -18,7 +18,7 @@ from commands import called
 from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
 from phalanx.cli.credentials import read_signing_key
-from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.evidence import read_robot_log
 from phalanx.daemon.gateway_node import GatewayNode, gateway_limits
 from phalanx.daemon.proofs import NOBODY, mac_of, signed_in, unsealed
 from phalanx.daemon.run import mission_of
@@ -456,7 +456,7 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
         arena.wait()
     assert summary["correct_in_safe_mode"] == []
     # Whoever has the log can tell who ordered what: with another mission's keys or number it is no honest robot's.
-    log = read_kept(kept / "robot-2.log")
+    log = read_robot_log(kept / "robot-2.log")
     said = {each.signer: each for each in signed_in(log)}
     assert set(said) == {"gateway", "operator"}
     assert said["gateway"].key == log.scenario.gateway_key

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from phalanx.daemon.evidence import read_kept, record_log
+from phalanx.daemon.evidence import read_robot_log, record_log
 from phalanx.daemon.proofs import Proven, mission_key_of, proven, signed_in
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import UsageError
@@ -37,7 +37,7 @@ def verify(
     if (keys is None) != (issued is None):
         raise UsageError("--keys and --key need each other", "give both, or neither")
     trusted = [read_trusted(each).hex() for each in trust]
-    kept = read_kept(file)
+    kept = read_robot_log(file)
     signer = kept.mission_signer
     mission_line, is_as_signed = _mission_signer(signer, kept.signed is not None, trusted)
     scenario, own = find_controller(controller, kept.scenario, in_python=True)

@@ -55,7 +55,7 @@ ENTRY_SCHEMA = {
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class RobotLog:
     """One robot's kept log of a mission, from the mission key on."""
 
     robot: int
@@ -96,7 +96,7 @@ class Kept:
         return [each for each in entries_of(self.raw) if each.kind != PROOF.tag]
 
 
-def read_kept(path: Path) -> Kept:
+def read_robot_log(path: Path) -> RobotLog:
     """Return the log in a daemon's file or a recording; recordings that were cut short are refused.
 
     Raises: UsageError: it is neither, damaged or cut short; Unavailable: it cannot be read.
@@ -107,7 +107,7 @@ def read_kept(path: Path) -> Kept:
         head, raw = _of_recording(path) if is_recording(path) else (json.loads(line), raw)
         scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))
         signed = SignedMission.of(head.get("signed"))
-        kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw, signed)
+        kept = RobotLog(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw, signed)
     except PhalanxError:
         raise
     except Exception as error:  # parsers raise various exceptions
@@ -136,7 +136,7 @@ def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
 class LogRecording(Recorder):
     """Writes a kept log to a recording."""
 
-    def __init__(self, path: Path, kept: Kept) -> None:
+    def __init__(self, path: Path, kept: RobotLog) -> None:
         super().__init__(path)
         self._kept = kept
 
@@ -160,5 +160,5 @@ class LogRecording(Recorder):
 
 def record_log(log_file: Path, out: Path) -> int:
     """Convert a daemon's log to a recording, and return the number of entries. Raises: UsageError, Unavailable."""
-    with LogRecording(out, read_kept(log_file)) as recording:
+    with LogRecording(out, read_robot_log(log_file)) as recording:
         return recording.write()

@@ -40,7 +40,7 @@ from phalanx.wire.table import (
     TREQ,
 )
 
-from .evidence import Kept
+from .evidence import RobotLog
 
 # Signers of messages that a robot received, checked with the public keys in the mission's file.
 NOBODY, UNKNOWN = "nobody whom the mission names", "somebody: too many to look at"
@@ -66,7 +66,7 @@ class Proven:
         return self.entries > 0 and self.false_at is None
 
 
-def mission_key_of(kept: Kept, keys_file: Path, passphrase: str, issued: Path) -> bytes:
+def mission_key_of(kept: RobotLog, keys_file: Path, passphrase: str, issued: Path) -> bytes:
     """Return the secret key of the log's mission, 20 bytes. Raises: UsageError: a wrong file; Unavailable."""
     sealed = read_mission_key(issued, kept.robot)
     if sealed.seq != kept.mission:
@@ -92,7 +92,7 @@ def mac_of(key: bytes, message: bytes) -> bytes:
     return mac.tobytes()
 
 
-def proven(kept: Kept, mission_key: bytes) -> Proven:
+def proven(kept: RobotLog, mission_key: bytes) -> Proven:
     """Return how much of a log its nodes' MACs prove. Source: RoboRebound Alg. 2, 4; docs/spec/rebound-nodes.md."""
     tops = [bytes(HASH_BYTES)] * 2
     held: tuple[list[bytes], list[bytes]] = ([], [])
@@ -142,7 +142,7 @@ class Signed:
     last_s: float
 
 
-def signed_in(kept: Kept) -> list[Signed]:
+def signed_in(kept: RobotLog) -> list[Signed]:
     """Group the signed messages in a log by signer, in order of first receipt; NOBODY for forged ones."""
     found: dict[str, Signed] = {}
     seen: set[bytes] = set()
@@ -160,7 +160,7 @@ def signed_in(kept: Kept) -> list[Signed]:
     return list(found.values())
 
 
-def _signed_messages(kept: Kept) -> Iterator[tuple[int, bytes, dict[str, str]]]:
+def _signed_messages(kept: RobotLog) -> Iterator[tuple[int, bytes, dict[str, str]]]:
     """Yield the time and bytes of each signed message, and the public keys of its possible signers."""
     scenario, now_ms = kept.scenario, kept.t_key_ms
     signers = {GATEWAY: ("gateway", scenario.gateway_key), OPERATOR: ("operator", scenario.operator_key)}
