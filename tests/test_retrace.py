@@ -20,7 +20,7 @@ from phalanx.daemon import evidence
 from phalanx.daemon.driver import no_reading
 from phalanx.daemon.evidence import RobotLog, read_robot_log, record_log
 from phalanx.daemon.kept_log import KeptLog
-from phalanx.daemon.proofs import Proven, proven
+from phalanx.daemon.proofs import ProofResult, check_proofs
 from phalanx.errors import UsageError
 from phalanx.recording.recorded import MOST_CHUNK_BYTES
 from phalanx.robot.retrace import entries_of
@@ -215,14 +215,14 @@ def borne(tmp_path_factory):
 
 def test_who_has_the_mission_key_sees_that_a_log_is_what_trusted_nodes_saw(borne, tmp_path):
     log, key = borne
-    found = proven(log, key)
+    found = check_proofs(log, key)
     assert found.holds
     assert 0 < found.entries <= len(log.entries())
     assert log.first_lie() is None
     written = tmp_path / "2.log"
     written.write_bytes(json.dumps(log.head).encode() + b"\n" + log.raw)
     assert record_log(written, tmp_path / "2.mcap") > len(log.entries())
-    assert proven(read_robot_log(tmp_path / "2.mcap"), key) == found
+    assert check_proofs(read_robot_log(tmp_path / "2.mcap"), key) == found
 
 
 def test_another_log_than_they_saw_is_not_proven_and_one_without_proofs_proves_nothing(borne):
@@ -233,12 +233,12 @@ def test_another_log_than_they_saw_is_not_proven_and_one_without_proofs_proves_n
         for at in (each.at + 1, each.end - 1):
             raw = bytearray(log.raw)
             raw[at] ^= 1
-            assert proven(replace(log, raw=bytes(raw)), key).false_at is not None
-        assert not proven(replace(log, raw=log.raw[: each.at] + log.raw[each.end :]), key).holds
-    assert not proven(replace(log, raw=log.plain()), key).holds
-    assert proven(log, bytes(20)) == Proven(0, 0, proven(log, bytes(20)).false_at)
+            assert check_proofs(replace(log, raw=bytes(raw)), key).false_at is not None
+        assert not check_proofs(replace(log, raw=log.raw[: each.at] + log.raw[each.end :]), key).holds
+    assert not check_proofs(replace(log, raw=log.plain()), key).holds
+    assert check_proofs(log, bytes(20)) == ProofResult(0, 0, check_proofs(log, bytes(20)).false_at)
     for at in (proofs[0].at + 1, proofs[0].end - 70, proofs[0].at + 8):  # whom it asked, MACs, the robot
         raw = bytearray(log.raw)
         raw[at] ^= 1
-        changed = proven(replace(log, raw=bytes(raw)), key)
+        changed = check_proofs(replace(log, raw=bytes(raw)), key)
         assert changed.holds or changed.entries == 0

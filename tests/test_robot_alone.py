@@ -39,7 +39,7 @@ from phalanx.daemon.evidence import RobotLog
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.lateness import Lateness, why_stopped
 from phalanx.daemon.life import Life
-from phalanx.daemon.proofs import NOBODY, signed_in
+from phalanx.daemon.proofs import NOBODY, count_signed_messages
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.state import told as fuse_matches
@@ -280,14 +280,14 @@ def test_who_said_what_a_robot_was_told_is_named_and_what_nobody_signed_as_well(
         b"\x04",
         stop[:80],
     ]
-    found = {each.signer: each for each in signed_in(a_log(*packets))}
+    found = {each.signer: each for each in count_signed_messages(a_log(*packets))}
     assert set(found) == {"gateway", "operator", NOBODY}
     gateway = found["gateway"]
     assert (gateway.count, gateway.first_s, gateway.last_s) == (2, 0.5, 3.5)
     assert gateway.key == PUBLIC[GATEWAY].hex()
     assert (found["operator"].count, found[NOBODY].count, found[NOBODY].key) == (1, 2, "")
     monkeypatch.setattr(proofs, "MOST_LOOKS", 2)
-    assert [(each.signer, each.count) for each in signed_in(a_log(*packets))][2:] == [(proofs.UNKNOWN, 3)]
+    assert [(each.signer, each.count) for each in count_signed_messages(a_log(*packets))][2:] == [(proofs.UNKNOWN, 3)]
 
 
 def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback(tmp_path, capsys):

@@ -22,7 +22,7 @@ from phalanx.bti.nodes import limits_of
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig, RadioConfig
 from phalanx.daemon.evidence import read_robot_log
-from phalanx.daemon.proofs import proven, unsealed
+from phalanx.daemon.proofs import check_proofs, unsealed
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
 from phalanx.daemon.trusted import connect_nodes, provision_keys, start
@@ -117,14 +117,14 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
         log = read_robot_log(kept / f"robot-{rob_id}.log")
         sealed = read_mission_key(kept / "key.json", rob_id)
         key = unsealed(read_board(kept / f"board-{rob_id}.bin", rob_id), sealed)
-        assert proven(log, key).holds
-        assert proven(log, key).entries > len(log.entries()) // 2
+        assert check_proofs(log, key).holds
+        assert check_proofs(log, key).entries > len(log.entries()) // 2
         # A command that another stands for, as a robot would write it that wants to have been honest.
         other = next(each for each in log.entries() if each.kind == ENTRY_ACMD)
         raw = bytearray(log.raw)
         raw[other.end - 1] ^= 1
-        assert proven(replace(log, raw=bytes(raw)), key).entries == 0
-        assert not proven(log, bytes(20)).holds
+        assert check_proofs(replace(log, raw=bytes(raw)), key).entries == 0
+        assert not check_proofs(log, bytes(20)).holds
     recording = tmp_path / "3.mcap"
     assert run_command(["robot", "log", str(kept / "robot-3.yaml"), "--out", str(recording)]) == 0
     capsys.readouterr()

@@ -20,7 +20,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.cli.credentials import read_signing_key
 from phalanx.daemon.evidence import read_robot_log
 from phalanx.daemon.gateway_node import GatewayNode, gateway_limits
-from phalanx.daemon.proofs import NOBODY, mac_of, signed_in, unsealed
+from phalanx.daemon.proofs import NOBODY, count_signed_messages, mac_of, unsealed
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.swarm import LAST_TIMES, YEAR_MS, RobotSwarm
@@ -457,12 +457,12 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
     assert summary["correct_in_safe_mode"] == []
     # Whoever has the log can tell who ordered what: with another mission's keys or number it is no honest robot's.
     log = read_robot_log(kept / "robot-2.log")
-    said = {each.signer: each for each in signed_in(log)}
+    said = {each.signer: each for each in count_signed_messages(log)}
     assert set(said) == {"gateway", "operator"}
     assert said["gateway"].key == log.scenario.gateway_key
     assert said["gateway"].count > 5, "a beacon a second, and a route"
     assert 0 < said["operator"].first_s <= said["operator"].last_s < 60
     other = replace(log, scenario=replace(log.scenario, operator_key=log.scenario.gateway_key))
-    assert {each.signer for each in signed_in(other)} == {"gateway", NOBODY}
+    assert {each.signer for each in count_signed_messages(other)} == {"gateway", NOBODY}
     assert log.first_lie() is None
     assert replace(log, mission=log.mission + 1).first_lie().refusal == Refusal.OUTPUT_WRONG

@@ -50,7 +50,7 @@ HEAD = [field.name for field in REQUEST.all_fields if field.type != "rest"]
 
 
 @dataclass(frozen=True, slots=True)
-class Proven:
+class ProofResult:
     """Result of the check: number of proven entries from the beginning, and the first false proof, if any.
 
     `t_ms` is the time of the last valid proof, by the a-node's clock; 0 without one.
@@ -92,7 +92,7 @@ def mac_of(key: bytes, message: bytes) -> bytes:
     return mac.tobytes()
 
 
-def proven(kept: RobotLog, mission_key: bytes) -> Proven:
+def check_proofs(kept: RobotLog, mission_key: bytes) -> ProofResult:
     """Return how much of a log its nodes' MACs prove. Source: RoboRebound Alg. 2, 4; docs/spec/rebound-nodes.md."""
     tops = [bytes(HASH_BYTES)] * 2
     held: tuple[list[bytes], list[bytes]] = ([], [])
@@ -110,7 +110,7 @@ def proven(kept: RobotLog, mission_key: bytes) -> Proven:
             message = PROOF.decode(raw)
             head = dict(zip(HEAD, REQUEST.form.unpack(message["head"]), strict=True))
             if held[0] or held[1] or not _is_true(mission_key, kept.robot, tops, message["auditor"], head):
-                return Proven(entries, t_ms, count)
+                return ProofResult(entries, t_ms, count)
             entries, t_ms = count, int(head["t"])
             continue
         count += 1
@@ -121,7 +121,7 @@ def proven(kept: RobotLog, mission_key: bytes) -> Proven:
             held[chain].append(raw)
             if len(held[chain]) == batch:
                 flush(chain)
-    return Proven(entries, t_ms, None)
+    return ProofResult(entries, t_ms, None)
 
 
 def _is_true(key: bytes, robot: int, tops: list[bytes], auditor: int, head: dict[str, Any]) -> bool:
@@ -142,7 +142,7 @@ class Signed:
     last_s: float
 
 
-def signed_in(kept: RobotLog) -> list[Signed]:
+def count_signed_messages(kept: RobotLog) -> list[Signed]:
     """Group the signed messages in a log by signer, in order of first receipt; NOBODY for forged ones."""
     found: dict[str, Signed] = {}
     seen: set[bytes] = set()
