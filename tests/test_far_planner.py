@@ -399,7 +399,7 @@ class Between:
 def pushes(kept, rob_id):
     """What a robot commanded, and how much advice it took."""
     log = read_robot_log(kept / f"robot-{rob_id}.log")
-    assert log.first_lie() is None
+    assert log.first_dishonest_entry() is None
     commands = [
         ACCELERATION.decode(log.raw[each.end - ACCELERATION.size : each.end])
         for each in log.entries()

@@ -49,7 +49,7 @@ def kept():
 
 
 def changed(kept, raw):
-    return RobotLog(kept.robot, kept.mission, kept.t_key_ms, kept.scenario, bytes(raw)).first_lie()
+    return RobotLog(kept.robot, kept.mission, kept.t_key_ms, kept.scenario, bytes(raw)).first_dishonest_entry()
 
 
 def of_kind(kept, kind, nth=1):
@@ -58,7 +58,7 @@ def of_kind(kept, kind, nth=1):
 
 def test_an_honest_log_has_no_fault_wherever_it_was_cut_short(kept):
     assert {each.kind for each in kept.entries()} >= {ENTRY_INPUT, ENTRY_RECV, ENTRY_ACMD}
-    assert kept.first_lie() is None
+    assert kept.first_dishonest_entry() is None
     _, reading = of_kind(kept, ENTRY_INPUT)
     for length in (*range(0, len(kept.raw), 31), *range(reading.at, reading.end)):
         assert changed(kept, kept.raw[:length]) is None
@@ -180,14 +180,14 @@ def test_a_log_of_a_protocols_robot_is_gone_through_by_the_protocol_itself(tmp_p
     scenario = {"robots": 2, "controller": controller, "bti": {"f_max": 1}}
     path = tmp_path / "x.log"
     path.write_bytes(json.dumps({"robot": 1, "mission": 1, "t_key_ms": 5, "scenario": scenario}).encode() + b"\n")
-    assert read_robot_log(path).first_lie() is None
+    assert read_robot_log(path).first_dishonest_entry() is None
     path.write_bytes(path.read_bytes() + ENTRY.encode(type=ENTRY_ACMD, t=9, payload=b"\x03"))
-    assert read_robot_log(path).first_lie().refusal.name == "OUTPUT_UNCALLED"
+    assert read_robot_log(path).first_dishonest_entry().refusal.name == "OUTPUT_UNCALLED"
     far = scenario | {"obstacles": [{"left_m": -1e5, "bottom_m": -1e5, "right_m": 1e5, "top_m": 1e5}]}
     path.write_bytes(path.read_bytes().replace(json.dumps(scenario).encode(), json.dumps(far).encode()))
     if controller == "warehouse":  # whoever gives evidence may not choose how long it takes
         with pytest.raises(UsageError, match="warehouse of"):
-            read_robot_log(path).first_lie()
+            read_robot_log(path).first_dishonest_entry()
 
 
 @pytest.fixture(scope="module")
@@ -218,7 +218,7 @@ def test_who_has_the_mission_key_sees_that_a_log_is_what_trusted_nodes_saw(borne
     found = check_proofs(log, key)
     assert found.holds
     assert 0 < found.entries <= len(log.entries())
-    assert log.first_lie() is None
+    assert log.first_dishonest_entry() is None
     written = tmp_path / "2.log"
     written.write_bytes(json.dumps(log.head).encode() + b"\n" + log.raw)
     assert record_log(written, tmp_path / "2.mcap") > len(log.entries())

@@ -110,7 +110,7 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     assert all(told.get("bad_mac") and told.get("repeated") for told in heard), heard
     assert 0.7 < summary["broadcast_delivery"] < 0.9
     # What they logged says the same, from the mission key on: over many checkpoints, and as a recording too.
-    assert read_robot_log(kept / "robot-1.log").first_lie() is None
+    assert read_robot_log(kept / "robot-1.log").first_dishonest_entry() is None
     assert len(read_robot_log(kept / "robot-1.log").raw) > summary["log_bytes_max"], "nothing was ever covered"
     # And it is what their trusted nodes saw: with the key that only these have.
     for rob_id in (1, 3):

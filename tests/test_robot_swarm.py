@@ -464,5 +464,5 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
     assert 0 < said["operator"].first_s <= said["operator"].last_s < 60
     other = replace(log, scenario=replace(log.scenario, operator_key=log.scenario.gateway_key))
     assert {each.signer for each in count_signed_messages(other)} == {"gateway", NOBODY}
-    assert log.first_lie() is None
-    assert replace(log, mission=log.mission + 1).first_lie().refusal == Refusal.OUTPUT_WRONG
+    assert log.first_dishonest_entry() is None
+    assert replace(log, mission=log.mission + 1).first_dishonest_entry().refusal == Refusal.OUTPUT_WRONG

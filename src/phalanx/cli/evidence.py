@@ -46,7 +46,7 @@ def verify(
     if keys and issued:
         proof = check_proofs(kept, mission_key_of(kept, keys, passphrase_of(keys, passphrase_file), issued))
     with mistakes_in(controller):
-        found, entries = kept.first_lie(own), len(kept.entries())
+        found, entries = kept.first_dishonest_entry(own), len(kept.entries())
     signed = count_signed_messages(kept)
     at_s = None if found is None else (found.t_ms - kept.t_key_ms) / 1000
     reason = "" if found is None else found.refusal.name.lower().replace("_", " ")

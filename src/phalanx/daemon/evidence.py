@@ -20,7 +20,7 @@ from phalanx.recording.recorder import NS, Recorder
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.python_controller import Controller
-from phalanx.robot.retrace import Entry, Finding, entries_of, first_lie
+from phalanx.robot.retrace import Entry, Finding, entries_of, first_dishonest_entry
 from phalanx.scenarios.behaviour import on_stage, params_of
 from phalanx.scenarios.file import parse_scenario, written_scenario
 from phalanx.scenarios.scenario import Scenario
@@ -69,7 +69,7 @@ class RobotLog:
         """Return the log without the trusted nodes' proofs."""
         return b"".join(self.raw[each.at : each.end] for each in self.entries())
 
-    def first_lie(self, controller: Callable[[int], Controller] | None = None) -> Finding | None:
+    def first_dishonest_entry(self, controller: Callable[[int], Controller] | None = None) -> Finding | None:
         """Return the first entry that an honest robot would not have logged, or None.
 
         `controller` creates the user's own controller, if the robot ran one. Source: RoboRebound §3.7.
@@ -77,7 +77,7 @@ class RobotLog:
         scenario, made, _ = on_stage(self.scenario, controller)
         if not made:
             made = compiled(dispatch.NUMBERS[scenario.controller], params_of(scenario, self.mission))
-        return first_lie(self.plain(), self.robot, self.t_key_ms, scenario.bti, made, scenario.seed)
+        return first_dishonest_entry(self.plain(), self.robot, self.t_key_ms, scenario.bti, made, scenario.seed)
 
     @property
     def head(self) -> dict[str, Any]:
