@@ -39,7 +39,7 @@ from .driver import Hardware, NoReading, no_reading
 from .far_planner import FarPlanner, check_adviser
 from .kept_log import KeptLog
 from .lateness import Lateness, why_stopped
-from .trusted import OwnClock
+from .trusted import NodeClock
 
 log = logging.getLogger(__name__)
 _Audit = TypeVar("_Audit", bound=Hashable)
@@ -81,7 +81,7 @@ class Life:
         self,
         scenario: Scenario,
         rob_id: int,
-        clock: OwnClock,
+        clock: NodeClock,
         hardware: Hardware,
         radio: Radio,
         planner: MakePlanner | FarPlanner | None = None,

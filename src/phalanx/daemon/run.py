@@ -27,12 +27,12 @@ from .driver import AdvisedHardware, make_driver
 from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
 from .life import Life
-from .on_air import HostileRadio, OnAir
+from .on_air import HostileRadio, RadioAttack
 from .sealed_air import SealedAir, may_send, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
 from .state import EVERY_S, state_of, tell
-from .trusted import OwnClock, check_may_have_key, connect_nodes, provision_keys, start
+from .trusted import NodeClock, check_may_have_key, connect_nodes, provision_keys, start
 
 log = logging.getLogger(__name__)
 
@@ -90,7 +90,7 @@ async def run_robot(
     settings: RobotSettings,
     *,
     in_arena: bool = False,
-    on_air: OnAir | None = None,
+    on_air: RadioAttack | None = None,
     attacks: tuple[AttackSpec, ...] = (),
     make_base: Callable[[int, Scenario, Declaration], AdvisedHardware] | None = None,
 ) -> None:
@@ -130,7 +130,7 @@ async def run_robot(
             planner = FarPlanner(said.planner, settings.base, scenario, said.robot, sealed.seq)
         elif said.planner:
             planner = find_planner(str(settings.path(said.planner)))
-        clock, ears = OwnClock(air or node, said.clock_speed), air or radio
+        clock, ears = NodeClock(air or node, said.clock_speed), air or radio
         with_attacks = replace(scenario, attacks=attacks) if attacks else scenario
         life = Life(with_attacks, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
         stack.callback(life.close)

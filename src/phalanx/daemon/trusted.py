@@ -30,7 +30,7 @@ AT_T = ENTRY.at("t")
 WHAT_TIME = AUDIT_FRAGMENT.encode(src=0, dst=0, request=0, index=0, count=1, bytes=b"")
 
 
-class OwnClock:
+class NodeClock:
     """Estimate of the nodes' clock from their answers, which were made between a call and its return.
 
     Our clock, which runs at `speed` of real time, is adjusted as little as the answers allow, so it follows drift.

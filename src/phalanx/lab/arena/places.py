@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from phalanx.daemon.driver import sense_path, wheels_path
-from phalanx.daemon.on_air import OnAir
+from phalanx.daemon.on_air import RadioAttack
 from phalanx.daemon.settings import RobotSettings, read_robot
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import Unavailable
@@ -38,7 +38,7 @@ class Changes:
     planner: str
     attacks: tuple[str, ...]
     sealed: bool
-    on_air: tuple[OnAir, ...]
+    on_air: tuple[RadioAttack, ...]
 
 
 @dataclass(slots=True)
