@@ -39,7 +39,7 @@ from .serving import for_at_most, until_connected
 from .session_link import Say, SessionLink
 from .shared_code import SharedCode
 from .shields import check_revivable
-from .state_folder import Kept, kept_in
+from .state_folder import StoredState, open_state
 
 log = logging.getLogger(__name__)
 
@@ -146,7 +146,7 @@ async def up(
     token = options.operator_token or secrets.token_hex(16)
     allow_files(MANY_FILES)
     async with contextlib.AsyncExitStack() as stack:
-        kept: Kept = stack.enter_context(kept_in(options.state, is_optional=options.state_is_optional))
+        kept: StoredState = stack.enter_context(open_state(options.state, is_optional=options.state_is_optional))
         front = await _front(options, stack, kept.keys)
         page_url = options.page_at(front.port)
         shared: SharedCode | None = None
@@ -190,7 +190,7 @@ async def up(
         operators = OperatorPages(token, running, options.operator_port)
         operator = await stack.enter_async_context(beside(operators))
         operator_url = f"http://{LOOPBACK}:{operator.port}/#token={token}"
-        stack.enter_context(kept.found_at(operator_url))
+        stack.enter_context(kept.publish_operator_url(operator_url))
         started(running)
         for server in (sessions, shared.server if shared else None):
             if server:
