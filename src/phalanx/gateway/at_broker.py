@@ -27,7 +27,7 @@ class Connected(Protocol):
         """Return why the last connection attempt failed; "" while connected."""
 
 
-class AtBroker:
+class BrokerStatus:
     """A broker in use, with the state of its connection.
 
     Args:

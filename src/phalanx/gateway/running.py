@@ -19,7 +19,7 @@ from phalanx.robot import Swarm
 from phalanx.robot.swarm import SteppedSwarm
 
 from . import vocabulary
-from .at_broker import AtBroker
+from .at_broker import BrokerStatus
 from .brakes import KeptStop
 from .gateway import Gateway
 from .links import Link
@@ -60,7 +60,7 @@ class Running:
         swarm: Swarm,
         say: Say,
         shared: SharedCode | None,
-        broker: AtBroker | None = None,
+        broker: BrokerStatus | None = None,
         *,
         static: X25519PrivateKey,
     ) -> None:

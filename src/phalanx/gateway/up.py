@@ -30,7 +30,7 @@ from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
 from phalanx.wire.sessions import LINK_PATH
 
-from .at_broker import AtBroker
+from .at_broker import BrokerStatus
 from .missions.desk import MissionDesk, requests_of
 from .projector import Wifi
 from .running import Running
@@ -151,7 +151,7 @@ async def up(
         page_url = options.page_at(front.port)
         shared: SharedCode | None = None
         sessions: SessionBroker | None = None
-        at: AtBroker | None = None
+        at: BrokerStatus | None = None
         config = options.session_config()
         if options.broker:
             broker = await stack.enter_async_context(_broker(options))
@@ -159,7 +159,7 @@ async def up(
             config = options.session_config(for_visitors)
             knocks = hello_topic(kept.keys.static.public_key())
             sessions = SessionBroker(broker.url, config.root, knocks, config.max_to_server_bytes)
-            at = AtBroker(broker, sessions, options.frontend or page_url, for_visitors)
+            at = BrokerStatus(broker, sessions, options.frontend or page_url, for_visitors)
             shared = SharedCode(options, broker, for_visitors, page_url) if options.qrkey else None
         robots = swarm()
         if options.revive_s is not None:
