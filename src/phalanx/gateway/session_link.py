@@ -46,7 +46,7 @@ from . import vocabulary
 from .links import call_now
 from .payloads import parse_payload, request_words
 from .trail import Trail
-from .ways import FrontEnd, Ways
+from .ways import FrontEnd, SessionTransports
 
 log = logging.getLogger(__name__)
 
@@ -111,7 +111,7 @@ class SessionLink:
         self.operate: Operate | None = None
         self.trail = trail
         self.static = keys.static.public_key().public_bytes_raw()
-        self._ways = Ways(front, broker)
+        self._ways = SessionTransports(front, broker)
         self._robots = robots
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[str, Callable[[Request], Any]] = {}

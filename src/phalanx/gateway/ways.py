@@ -30,7 +30,7 @@ class FrontEnd(Protocol):
         """Close a connection after its pending data is sent."""
 
 
-class Ways:
+class SessionTransports:
     """Carries out actions of a session server on the transport of each connection."""
 
     def __init__(self, front: FrontEnd, broker: SessionBroker | None) -> None:
