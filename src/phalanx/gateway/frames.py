@@ -52,7 +52,7 @@ class Tick:
     changed: bool
 
 
-class Frames:
+class StateUpdates:
     """Compares the swarm with what visitors were sent, and numbers its robots."""
 
     def __init__(self) -> None:

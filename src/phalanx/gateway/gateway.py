@@ -17,7 +17,7 @@ from phalanx.robot.swarm import AuditedSwarm, RouteLimited, WorkingSwarm
 
 from . import vocabulary
 from .brakes import EXPIRES_S, Brakes
-from .frames import Frames, Tick
+from .frames import StateUpdates, Tick
 from .links import Link
 from .missions.watch import MissionWatch, WorkWatch
 from .shields import ShieldWatch
@@ -63,7 +63,7 @@ class Gateway:
         self.drivers = Drivers(drivers)
         self._routes_by_code: set[str] = set()  # robots
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
-        self._frames = Frames()
+        self._frames = StateUpdates()
         self.swarm = swarm
         self.brakes = Brakes(swarm)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, AuditedSwarm) else None
