@@ -55,7 +55,7 @@ class TestFrames:
             uptime += 0.1
             tick = frames.next(swarm.robots(), NOW, uptime)
             told = [
-                vocabulary.tell_robot(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()
+                vocabulary.robot_json(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()
             ]
             if mirror is None:
                 mirror = Mirror(told)
@@ -75,7 +75,7 @@ class TestFrames:
         swarm, frames = Dotbots(robots, 1, lambda: NOW), StateUpdates()
         frames.next(swarm.robots(), NOW, 0.0)
         mirror = Mirror(
-            [vocabulary.tell_robot(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()]
+            [vocabulary.robot_json(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()]
         )
         for robot in swarm.robots():
             swarm.set_led(robot.address, Led(1, 2, 3))
@@ -134,7 +134,7 @@ class TestFrames:
         assert [number for number, *_ in read_places(frame["data"]["places"])] == [0]
         (told,) = json.loads(encode_json(frame))["data"]["joined"]
         assert told["lh2_position"] is None
-        listed = json.loads(encode_json(vocabulary.tell_robot(nowhere, NOW)))
+        listed = json.loads(encode_json(vocabulary.robot_json(nowhere, NOW)))
         assert (listed["lh2_position"], listed["position_history"]) == (None, [{"x": 1.0, "y": 1.0, "z": 0}])
 
     def test_what_could_not_be_told_is_told_at_the_next_tick(self):

@@ -14,7 +14,7 @@ from mirror import Mirror, are_near
 from phalanx.gateway.frames import CHANGES_BYTES, UNIT_ROBOTS, Frames, tick_bytes
 from phalanx.gateway.outbox import Outbox
 from phalanx.gateway.visitors import MOST_DRIVERS
-from phalanx.gateway.vocabulary import tell_robot
+from phalanx.gateway.vocabulary import robot_json
 from phalanx.link.envelope import encode_json
 from phalanx.link.session.padding import padded_size
 from phalanx.robot import Led, Point, Robot
@@ -91,7 +91,7 @@ def updates_are_short_and_complete(
     robots: int, seed: int, spread_mm: float, change: float, come: float, driven: float
 ) -> None:
     fleet, frames, uptime_s = Fleet(robots, seed, spread_mm), Frames(), 0.0
-    told = [tell_robot(each, NOW, 0) | {"n": frames.number(each.address)} for each in fleet.robots.values()]
+    told = [robot_json(each, NOW, 0) | {"n": frames.number(each.address)} for each in fleet.robots.values()]
     frames.next(list(fleet.robots.values()), NOW, uptime_s)
     mirror, drivers = Mirror(told), {}
 
@@ -118,7 +118,7 @@ def updates_are_short_and_complete(
         tick({})
     assert mirror.robots.keys() == fleet.robots.keys()
     for address, robot in fleet.robots.items():
-        known, now = mirror.robots[address], tell_robot(robot, NOW, 0)
+        known, now = mirror.robots[address], robot_json(robot, NOW, 0)
         assert known["rgb_led"] == now["rgb_led"]
         assert known["waypoints_threshold"] == now["waypoints_threshold"]
         assert len(known["waypoints"]) <= len(now["waypoints"])

@@ -21,7 +21,7 @@ from .outbox import KEY_BYTES, Batch, Entry, Outbox
 from .places import NOWHERE, Places, encode_route, group_places
 from .robot_changes import Slow, change_of, slow_of
 from .shields import MOST_AUDITS
-from .vocabulary import Notice, tell_robot
+from .vocabulary import Notice, robot_json
 
 FULL_EVERY_S = 1.0
 FRAME_BYTES = 60  # of an update without its lists
@@ -148,7 +148,7 @@ class StateUpdates:
             return (Entry("left", address, lambda: self._forget(address)),) if before else ()
         robot, slow = now
         if before is None:  # the route is sent separately, as it can be long
-            joined = tell_robot(robot._replace(route=()), self._now_s, 0) | {"n": self.number(address)}
+            joined = robot_json(robot._replace(route=()), self._now_s, 0) | {"n": self.number(address)}
             return (Entry("joined", joined, lambda: self._learn(address, slow._replace(route=()))),)
         told = slow._replace(route=before.route)
         change = change_of(address, before, told, cleared=address in self._cleared)
