@@ -151,7 +151,7 @@ class Gateway:
             self._refuse_late(command)
             self.brakes.refuse_if_held()
         self.swarm.follow(address, route.points, route.threshold_mm)
-        self.brakes.follows_a_route(address)
+        self.brakes.end_joystick(address)
         if command.by is None:
             self._routes_by_code.add(address)
 

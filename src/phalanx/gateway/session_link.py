@@ -43,7 +43,7 @@ from phalanx.net.session_broker import KNOCKS, SessionBroker
 from phalanx.net.session_store import LinkKeys
 
 from . import vocabulary
-from .links import call_now
+from .links import call_handler_now
 from .payloads import parse_payload, request_words
 from .trail import Trail
 from .ways import FrontEnd, SessionTransports
@@ -290,7 +290,7 @@ class SessionLink:
                 raise Unknown(f"no command {command.name!r}")
             topic = CommandTopic(robot, vocabulary.APPLICATION, command.name)
             by = self.name_of(command.visitor)
-            call_now(handler, Command(topic, payload, by=by, is_stop=command.is_stop))
+            call_handler_now(handler, Command(topic, payload, by=by, is_stop=command.is_stop))
         except PeerError as error:
             reason = self._reject(error)
             self.carry(self.server.refuse(command.visitor, 0, reason))
