@@ -22,7 +22,7 @@ from phalanx.gateway import pages_are_built
 from phalanx.gateway.demo import Plan, mission_swarm, plan_swarm, simulated_swarm
 from phalanx.gateway.projector import Wifi
 from phalanx.gateway.running import Running
-from phalanx.gateway.session_link import Say
+from phalanx.gateway.session_link import EventSink
 from phalanx.gateway.tour import tour as run_tour
 from phalanx.gateway.up import UpOptions
 from phalanx.gateway.up import up as run_gateway
@@ -275,7 +275,7 @@ def _on_mission(wanted: Wanted, seed: int) -> Iterator[Swarm]:
         yield swarm
 
 
-def _run_for(options: UpOptions, events: bool, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
+def _run_for(options: UpOptions, events: bool, make: Callable[[EventSink, Started], Coroutine[Any, Any, None]]) -> None:
     """Run a gateway that prints events for programs, or a display for people."""
     if not events:
         _run_for_people(options, make)
@@ -305,7 +305,7 @@ def _start(newest: list[Running], running: Running, *, reads_stdin: bool, shows_
         read_stop_commands(hold, {"tablet": tablet} if shows_tablet else {})
 
 
-def _run_for_people(options: UpOptions, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
+def _run_for_people(options: UpOptions, make: Callable[[EventSink, Started], Coroutine[Any, Any, None]]) -> None:
     status: asyncio.Task[None] | None = None
     newest: list[Running] = []
     # Input that is not from a terminal is not meant for us.

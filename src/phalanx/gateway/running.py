@@ -25,7 +25,7 @@ from .gateway import Gateway
 from .links import Link
 from .operator_desk import OperatorDesk, refuse_revival
 from .projector import Projector, projector_token
-from .session_link import Say, SessionLink, now
+from .session_link import EventSink, SessionLink, now
 from .shared_code import SharedCode
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Running:
         link_url: str,
         link: SessionLink,
         swarm: Swarm,
-        say: Say,
+        say: EventSink,
         shared: SharedCode | None,
         broker: BrokerStatus | None = None,
         *,

@@ -67,7 +67,7 @@ _REASONS: dict[type[PeerError], Reason] = {
     TooMany: Reason.TOO_MANY,
     Unknown: Reason.UNKNOWN,
 }
-Say = Callable[[dict[str, Any]], None]
+EventSink = Callable[[dict[str, Any]], None]
 # Handler of operators' requests: takes the request's name, its payload, and the visitor's id.
 Operate = Callable[[str, dict[str, Any], int], dict[str, Any] | Awaitable[dict[str, Any]]]
 
@@ -107,7 +107,7 @@ class SessionLink:
         self.server = SessionServer(self.config, keys.static, keys.signer, self._store, os.urandom, now(), open_role)
         self.operations = Operations(self.server)
         self.counters: Counter[str] = Counter()
-        self.say: Say = lambda _: None
+        self.say: EventSink = lambda _: None
         self.operate: Operate | None = None
         self.trail = trail
         self.static = keys.static.public_key().public_bytes_raw()

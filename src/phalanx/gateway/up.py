@@ -36,7 +36,7 @@ from .projector import Wifi
 from .running import Running
 from .serve_pages import PAGE_POLICY, PAGES, OperatorPages
 from .serving import for_at_most, until_connected
-from .session_link import Say, SessionLink
+from .session_link import EventSink, SessionLink
 from .shared_code import SharedCode
 from .shields import check_revivable
 from .state_folder import StoredState, open_state
@@ -130,7 +130,7 @@ class UpOptions:
 
 async def up(
     options: UpOptions,
-    say: Say,
+    say: EventSink,
     started: Callable[[Running], None] = lambda _: None,
     *,
     swarm: Callable[[], Swarm],
