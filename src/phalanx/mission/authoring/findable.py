@@ -22,7 +22,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission.graph import Mission, Node
 from phalanx.mission.landmarks import FloorPlan, Site, extract, look_alikes_of
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.observable import HALF_TURN_TYPES, UNTOLD_M, Landmark, Observable, number_or_nan
+from phalanx.mission.observable import DEFAULT_APART_M, HALF_TURN_TYPES, Landmark, Observable, number_or_nan
 from phalanx.mission.walk.finding import MIDDLE_M
 
 Rows = np.ndarray[tuple[int, int], np.dtype[np.float64]]
@@ -55,7 +55,7 @@ def mark_lookalikes(mission: Mission, look_alikes: Iterable[Landmark] | None = N
     """Return the mission with `apart_m` set in all landmarks.
 
     `look_alikes` are all other landmarks of the building. If they are unknown (None), landmarks keep their `apart_m`,
-    by default UNTOLD_M, as an upper limit; QR codes with a text are taken for unique.
+    by default DEFAULT_APART_M, as an upper limit; QR codes with a text are taken for unique.
     """
     own = [thing for node in mission.nodes for alias in node.see for thing in alias if isinstance(thing, Landmark)]
     tables = _tables((*own, *(look_alikes or ())))
@@ -64,7 +64,7 @@ def mark_lookalikes(mission: Mission, look_alikes: Iterable[Landmark] | None = N
         if not isinstance(thing, Landmark):
             return thing
         is_known = look_alikes is not None or thing.text is not None
-        most_m = math.inf if is_known and thing.apart_m == UNTOLD_M else thing.apart_m
+        most_m = math.inf if is_known and thing.apart_m == DEFAULT_APART_M else thing.apart_m
         return replace(thing, apart_m=min(most_m, _apart_m(thing, tables[thing.type, thing.text])))
 
     def of(node: Node) -> Node:

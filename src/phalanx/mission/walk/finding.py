@@ -14,7 +14,7 @@ from phalanx.config.parameter import made_once
 from phalanx.errors import UsageError
 from phalanx.mission.file.canonical import AT_POSITION
 from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
-from phalanx.mission.observable import Experience, InSight, Landmark, Offset, cell_of, middle_of
+from phalanx.mission.observable import Experience, Landmark, Offset, ScanLandmarks, cell_of, middle_of
 from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
@@ -141,7 +141,7 @@ class Finder:
 
     def tries_in_vain(self, state: State, seen: Experience) -> int | None:
         """Return the tries of the fast check if it rules out a find; None if the full search is needed."""
-        if not isinstance(seen.landmarks, InSight):
+        if not isinstance(seen.landmarks, ScanLandmarks):
             return None
         known, here = self._known(state), (state.at, state.target)
         if here not in known.gazes:
