@@ -17,7 +17,7 @@ from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.worth import feasible
 from phalanx.mission.worth.audit import audit
-from phalanx.mission.worth.feasible import look_ahead, ways_in_vain
+from phalanx.mission.worth.feasible import failing_ways, look_ahead
 from phalanx.mission.worth.outlook import SLACK, SPEED_MPS, time_for_s
 from phalanx.robot.controllers.mission import field, pilot
 from phalanx.world.building.floorplan import load_floorplan
@@ -156,7 +156,7 @@ def test_a_survey_has_neither_what_nobody_finds_nor_a_way_on_which_nobody_does(n
     plan = load_floorplan(name)
     plain = survey(plan)
     assert len(plain.nodes) > 25
-    outlook, late, vain = ways_in_vain(plain, plan)
+    outlook, late, vain = failing_ways(plain, plan)
     assert (outlook.infeasible, outlook.doubtful, late, vain) == ({}, {}, set(), set())
     # Of two nodes that seem equally near robots try the first.
     names = [node.name for node in plain.nodes]

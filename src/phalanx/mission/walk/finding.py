@@ -139,7 +139,7 @@ class Finder:
             if (node not in state.opened or node == state.target) and self.map.may_enter(node, state.opened)
         )
 
-    def tries_in_vain(self, state: State, seen: Experience) -> int | None:
+    def tries_if_ruled_out(self, state: State, seen: Experience) -> int | None:
         """Return the tries of the fast check if it rules out a find; None if the full search is needed."""
         if not isinstance(seen.landmarks, ScanLandmarks):
             return None

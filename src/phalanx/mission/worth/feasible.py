@@ -81,7 +81,7 @@ def look_ahead(
     return _Predictor(mission, config or MissionConfig(), plan, lidar or LidarConfig()).run()
 
 
-def ways_in_vain(
+def failing_ways(
     mission: Mission, plan: FloorPlan, lidar: LidarConfig | None = None
 ) -> tuple[Outlook, set[Way], set[Way]]:
     """Return the prediction; ways that work only once more landmarks are known; and ways that never work.
@@ -89,7 +89,7 @@ def ways_in_vain(
     A robot has no map, so it tries any way, and may get lost on one that fails.
     """
     scout = _Predictor(mission, MissionConfig(), plan, lidar or LidarConfig())
-    outlook, vain = scout.run(), scout.in_vain() | scout.vain
+    outlook, vain = scout.run(), scout.always_failing() | scout.vain
     late = vain & {stand.by for stand in scout.at.values() if stand.by is not None}
     return outlook, late, vain - late
 
@@ -138,7 +138,7 @@ class _Predictor:
         doubtful = {name: why for name, why in self.doubtful.items() if name not in dark}
         return Outlook(dark, doubtful, tuple(self.at))
 
-    def in_vain(self) -> set[Way]:
+    def always_failing(self) -> set[Way]:
         """Return the ways that fail even with all landmarks known; call it after `run`."""
         known, vain = self.known, set[Way]()
         for way in self.mission.ways:
