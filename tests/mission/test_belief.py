@@ -15,8 +15,17 @@ from phalanx.mission import Landmark
 from phalanx.mission.angles import wrap
 from phalanx.mission.pose import belief as belief_module
 from phalanx.mission.pose import spread as spread_module
-from phalanx.mission.pose.belief import COUNT, NUMBERS, UPPER, Belief, of_numbers
-from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, inverse, misfit, not_surer, pose_spread
+from phalanx.mission.pose.belief import COUNT, NUMBERS, UPPER, Belief, belief_from_numbers
+from phalanx.mission.pose.spread import (
+    Sight,
+    Sighting,
+    corrected,
+    inverse,
+    misfit,
+    place_deviations,
+    pose_spread,
+    with_floor,
+)
 from phalanx.mission.walk.fix import floor_of, initial_belief, sight_of, sighting, wheels_of
 from phalanx.world.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
 
@@ -52,7 +61,7 @@ def test_a_covariance_stays_one_whatever_happens(events):
             assert np.all(sizes[:3] >= np.array([FLOOR[0], FLOOR[0], FLOOR[1]]) * (1 - 1e-9))
         # Scaled to correlations, or the metres would hide the radians.
         assert np.linalg.eigvalsh(belief.spread / np.outer(sizes, sizes)).min() > -1e-9
-        again = of_numbers(belief.numbers)
+        again = belief_from_numbers(belief.numbers)
         assert again is not None
         assert again.numbers == belief.numbers
 
@@ -82,10 +91,10 @@ def test_turns_to_and_fro_beside_a_wall_slip_both_ways():
 )
 def test_numbers_that_are_no_covariance_are_refused(i, value):
     numbers = list(initial_belief(CONFIG, (0.0, 0.0, 0.0)).numbers)
-    assert of_numbers(numbers) is not None
+    assert belief_from_numbers(numbers) is not None
     numbers[i] = value
-    assert of_numbers(numbers) is None
-    assert of_numbers(numbers[:-1]) is None
+    assert belief_from_numbers(numbers) is None
+    assert belief_from_numbers(numbers[:-1]) is None
 
 
 @given(st.lists(st.floats(-3, 3), min_size=9, max_size=9))
@@ -104,7 +113,7 @@ def test_a_doubt_is_what_chance_shows():
     off = chance.multivariate_normal(np.zeros(3), spread, 200_000)
     ox, oy = 3.0, -2.0
     places = np.stack((off[:, 0] - oy * off[:, 2], off[:, 1] + ox * off[:, 2]), axis=1)
-    along_x, along_y, most = doubt_of(spread, ox, oy, Sight(0.0, 0.0, 0.0))
+    along_x, along_y, most = place_deviations(spread, ox, oy, Sight(0.0, 0.0, 0.0))
     assert (along_x, along_y) == pytest.approx(tuple(places.std(axis=0)), rel=0.02)
     assert most == pytest.approx(math.sqrt(np.linalg.eigvalsh(np.cov(places.T)).max()), rel=0.02)
 
@@ -145,10 +154,12 @@ def test_compiled_and_plain_are_the_same_bits(events):
     assert plain.numbers == compiled.numbers
     match = Sighting(4.0, 5.0, 4.2, 4.9, 0.1)
     for one, other in zip(
-        (misfit, doubt_of, not_surer), (misfit.py_func, doubt_of.py_func, not_surer.py_func), strict=True
+        (misfit, place_deviations, with_floor),
+        (misfit.py_func, place_deviations.py_func, with_floor.py_func),
+        strict=True,
     ):
         block = plain.spread[:3, :3].copy()
-        args = {misfit: (1.0, 2.0, match, SIGHT), doubt_of: (3.0, -2.0, SIGHT), not_surer: FLOOR}[one]
+        args = {misfit: (1.0, 2.0, match, SIGHT), place_deviations: (3.0, -2.0, SIGHT), with_floor: FLOOR}[one]
         assert np.array_equal(one(block, *args), other(block, *args))
 
 

@@ -17,7 +17,7 @@ from phalanx.arrays import F64x1, F64x2
 from phalanx.kernel import kernel
 from phalanx.mission.angles import sin_cos, wrap
 
-from .spread import Sight, Sighting, corrected, not_surer
+from .spread import Sight, Sighting, corrected, with_floor
 
 Pose = tuple[float, float, float]
 # x, y, heading; then the scale error of distances, the scale error of turns, and the undetected turn in rad per metre.
@@ -147,11 +147,11 @@ class Belief:
         mean, spread = self.mean, self.spread
         for sighting in sightings:
             mean, spread = corrected(mean, spread, sighting, sight)
-            spread = not_surer(spread, *floor)
+            spread = with_floor(spread, *floor)
         return Belief(mean, spread)
 
 
-def of_numbers(numbers: Sequence[float]) -> Belief | None:
+def belief_from_numbers(numbers: Sequence[float]) -> Belief | None:
     """Return the belief with these `Belief.numbers`, or None if they are not a valid mean and covariance."""
     if len(numbers) != NUMBERS or not all(math.isfinite(value) for value in numbers):
         return None

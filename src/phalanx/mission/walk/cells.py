@@ -14,7 +14,7 @@ from phalanx.arrays import F64x1, F64x2, I64x1, I64x2, U64x1, U64x2
 from phalanx.bundle import bundled
 from phalanx.crypto.sha3 import find
 from phalanx.kernel import kernel
-from phalanx.mission.pose.spread import Sight, doubt_of
+from phalanx.mission.pose.spread import Sight, place_deviations
 
 from .searched import RINGS_MOST, SPIRAL, Known, Numbers, keep, keep_tiles, row_of, untried
 
@@ -110,7 +110,7 @@ def level_of(thing: F64x1, place: bool, steps: Steps, doubt: PoseUncertainty) ->
         place: True for the robot's own position, False for a landmark.
     """
     ox, oy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
-    _, _, most = doubt_of(doubt.spread, ox, oy, doubt.sight)
+    _, _, most = place_deviations(doubt.spread, ox, oy, doubt.sight)
     if place:
         most = math.sqrt(max(doubt.spread[0, 0], doubt.spread[1, 1]))
     # The encoded landmark is in the middle of its cell, the seen one anywhere in its cell: add half a cell.

@@ -18,7 +18,7 @@ from phalanx.config.parameter import made_once
 from phalanx.mission.angles import sin_cos, wrap_rad
 from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, number_or_nan
 from phalanx.mission.pose.belief import Belief, Wheels
-from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
+from phalanx.mission.pose.spread import Sight, Sighting, corrected, misfit, place_deviations, pose_spread, with_floor
 
 from .chart import Chart, max_misfit, rotation_between
 
@@ -116,7 +116,7 @@ def is_there(config: MissionConfig, seen: Experience, x_m: float, y_m: float) ->
 def doubt_m(config: MissionConfig, seen: Experience, landmark: Landmark) -> float:
     """Return the standard deviation of the place of a seen landmark, along the worst direction."""
     spread = pose_spread(seen.spread)
-    return doubt_of(spread, landmark.x_m - seen.x_m, landmark.y_m - seen.y_m, sight_of(config))[2]
+    return place_deviations(spread, landmark.x_m - seen.x_m, landmark.y_m - seen.y_m, sight_of(config))[2]
 
 
 def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned_rad: float = 0.0) -> Sighting:
@@ -148,7 +148,7 @@ def has_no_lookalike(config: MissionConfig, seen: Experience, pair: Match, mean:
     """
     observed, truth = pair
     x, y = moved_to_pose(seen, observed, mean)
-    doubt = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
+    doubt = place_deviations(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
     return length_m(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
 
 
@@ -223,7 +223,7 @@ def fuse_matches(
         match = _from_pose(seen, pair, mean)
         sightings.append(match)
         mean, spread = corrected(mean, spread, match, sight_of(config))
-        spread = not_surer(spread, *floor_of(config))
+        spread = with_floor(spread, *floor_of(config))
     return mean, spread, sightings
 
 

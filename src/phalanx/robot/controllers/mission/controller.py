@@ -23,7 +23,7 @@ from phalanx.mission.file.canonical import AT_POSITION, Reader, action_bytes
 from phalanx.mission.file.records import SECRET_BYTES
 from phalanx.mission.landmarks.features import landmarks_in
 from phalanx.mission.observable import LONGEST_S
-from phalanx.mission.pose.belief import NUMBERS, Belief, of_numbers
+from phalanx.mission.pose.belief import NUMBERS, Belief, belief_from_numbers
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
 from phalanx.mission.walk.claims import Claim
@@ -307,7 +307,7 @@ class MissionController(EvidenceController):
         """Restore a checkpoint, keeping the robot's keys. Raises: MalformedMission: not a valid state."""
         reader = Reader(encoding)
         begun_ms, *numbers = reader.unpack(table.MISSION_MEMORY)
-        belief, odometry = of_numbers(numbers[:NUMBERS]), tuple(numbers[NUMBERS : NUMBERS + 3])
+        belief, odometry = belief_from_numbers(numbers[:NUMBERS]), tuple(numbers[NUMBERS : NUMBERS + 3])
         kind, target, begin, *rest = numbers[NUMBERS + 3 :]
         passed, best_m, best_s, turning, *around, blocked, said, crumbs = rest
         placed = belief is not None and all(abs(value) < _MOST for value in (*belief.pose, *odometry))
