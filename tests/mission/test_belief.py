@@ -26,11 +26,11 @@ from phalanx.mission.pose.spread import (
     pose_spread,
     with_floor,
 )
-from phalanx.mission.walk.fix import floor_of, initial_belief, sight_of, sighting, wheels_of
+from phalanx.mission.walk.fix import floor_of, initial_belief, odometry_errors_of, sight_of, sighting
 from phalanx.world.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
 
 CONFIG = MissionConfig()
-SIGHT, FLOOR, WHEELS = sight_of(CONFIG), floor_of(CONFIG), wheels_of(CONFIG)
+SIGHT, FLOOR, WHEELS = sight_of(CONFIG), floor_of(CONFIG), odometry_errors_of(CONFIG)
 
 metres, turns = st.floats(-30, 30), st.floats(-3, 3)
 moves = st.tuples(st.just("move"), st.floats(-1, 1), turns, st.booleans())
@@ -209,7 +209,7 @@ def driven(seed: int, model: NoiseModel, noise: Noise = REAL, *, sigma=(0.03, 0.
     drawn = [replace(each, **_moved_by(chance, each, noise.drawn_m, noise.drawn_rad)) for each in landmarks]
     for i, (way, turn) in enumerate(lap() * laps):
         truth, before = along_arc(truth, way, turn), wheels.pose
-        belief = belief.driven(before, wheels.step(way, turn), wheels_of(CONFIG))
+        belief = belief.driven(before, wheels.step(way, turn), odometry_errors_of(CONFIG))
         if i % SIGHT_EVERY == 0:
             order = sorted(range(len(landmarks)), key=lambda k: math.dist(_place(landmarks[k]), truth[:2]))
             for k in order[:2]:

@@ -54,7 +54,7 @@ def sight_of(config: MissionConfig) -> Sight:
 
 
 @made_once
-def wheels_of(config: MissionConfig) -> Wheels:
+def odometry_errors_of(config: MissionConfig) -> Wheels:
     """Return the standard deviations of odometry errors."""
     return Wheels(
         config.odometry_way,
@@ -73,7 +73,7 @@ def floor_of(config: MissionConfig) -> tuple[float, float]:
 
 def initial_belief(config: MissionConfig, pose: Pose) -> Belief:
     """Return the belief of a robot placed at a pose, with unknown odometry errors."""
-    (place_m, turn_rad), wheels = floor_of(config), wheels_of(config)
+    (place_m, turn_rad), wheels = floor_of(config), odometry_errors_of(config)
     sure = (place_m, place_m, turn_rad, wheels.way, wheels.turn, wheels.curve)
     return Belief(np.array([*pose, 0.0, 0.0, 0.0]), np.diag([value * value for value in sure]))
 

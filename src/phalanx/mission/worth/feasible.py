@@ -34,9 +34,9 @@ from phalanx.mission.walk.fix import (
     initial_belief,
     is_sure,
     is_there,
+    odometry_errors_of,
     pose_doubt_m,
     unambiguous,
-    wheels_of,
 )
 
 from .outlook import SPEED_MPS, Outlook
@@ -196,7 +196,7 @@ class _Predictor:
         direction = direction_of(way, (x, y), there)
         if way.direction_rad is not None or direction is None:
             direction = direction_of(PlainWay(source=way.source, target=way.target), (x, y), there) or heading
-        belief = belief.moved(0.0, wrap_rad(direction - heading), wheels_of(self.config))
+        belief = belief.moved(0.0, wrap_rad(direction - heading), odometry_errors_of(self.config))
         end = self._driven(source, target, belief, length_m)
         return end if isinstance(end, str) else _Reached(end, stand.length_m + length_m, (way.source, way.target))
 
@@ -229,7 +229,7 @@ class _Predictor:
                 if certain:
                     belief = fixed(self.config, belief, fix_from(self.config, eyes[0], certain))
             there = belief if i <= steps or is_decoded else there
-            belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
+            belief = belief.moved(length_m / steps, 0.0, odometry_errors_of(self.config))
         if found and not is_decoded:
             whys.append(f"scans show it from one place on the straight way, robots need {SHOWN_STEPS}")
         if not is_decoded and (shown or not (len(whys) == 1 and self._is_seen_beside(target))):

@@ -24,7 +24,7 @@ from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, 
 from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, odometry_errors_of
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.papers.table import Rows, Table
 from phalanx.world.building.floorplan import DEFAULT, load_floorplan
@@ -147,7 +147,7 @@ def replay(
     extraction = ExtractionConfig(feature_range_m=feature_range_m)
     odometry, estimates, trials = [], [], []
     for i, ((distance_m, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
-        belief = belief.driven(alone.pose, alone.step(distance_m, turn), wheels_of(PATIENT))
+        belief = belief.driven(alone.pose, alone.step(distance_m, turn), odometry_errors_of(PATIENT))
         landmarks = extract(scan, extraction).landmarks(*belief.pose)
         seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.doubt)
         state, outcome = walker.step(state, seen)

@@ -18,7 +18,7 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.codes import read_codes
-from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, odometry_errors_of
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.walker import State, Walker
@@ -94,7 +94,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     search, nodes = PaperSearch(mission, MissionConfig()), tuple(range(len(mission.nodes)))
     rows = []
     for tick, (pose, (way, turn)) in enumerate(driven(plan, PATH_M, SPEED_MPS)):
-        belief = belief.driven(alone.pose, alone.step(way, turn), wheels_of(PATIENT))
+        belief = belief.driven(alone.pose, alone.step(way, turn), odometry_errors_of(PATIENT))
         if tick % CAMERA_TICKS:
             continue
         picture = camera.picture(pose, chance, turn_radps=turn / TICK_S)

@@ -27,7 +27,7 @@ from phalanx.mission.pose.belief import NUMBERS, Belief, belief_from_numbers
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
 from phalanx.mission.walk.claims import Claim
-from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, odometry_errors_of
 from phalanx.robot.controllers.python_controller import Act, Controller, EvidenceController, Output, Send
 from phalanx.wire import table
 from phalanx.wire.record import MalformedRecord
@@ -251,7 +251,7 @@ class MissionController(EvidenceController):
         """Return the pose estimate updated with this odometry."""
         touches = bool(np.count_nonzero(now.clear < self._touching))
         driven: Belief = self.memory.belief.driven(
-            self.memory.odometry, now.pose, wheels_of(self.missions.config), touches=touches
+            self.memory.odometry, now.pose, odometry_errors_of(self.missions.config), touches=touches
         )
         return driven
 
