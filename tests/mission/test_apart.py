@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Reason, parse_mission, parse_start_key
-from phalanx.mission.authoring.findable import ALIKE_RAD, alone, apart_in, mark_lookalikes
+from phalanx.mission.authoring.findable import ALIKE_RAD, alone, mark_lookalikes, mark_lookalikes_in
 from phalanx.mission.landmarks import look_alikes_of
 from phalanx.mission.observable import APART_MAX, DEFAULT_APART_M, Offset, offset_of
 from phalanx.mission.walk.fix import unambiguous
@@ -94,7 +94,7 @@ def test_what_the_author_knows_is_kept_where_it_is_nearer():
 def test_a_building_has_more_look_alikes_than_a_mission_has_nodes():
     plan = load_floorplan("office_40x40")
     one = next(thing for thing in look_alikes_of(plan) if thing.type == "doorway")
-    (alone,), (among,) = aparts(mark_lookalikes(mission_of(one))), aparts(apart_in(plan, mission_of(one)))
+    (alone,), (among,) = aparts(mark_lookalikes(mission_of(one))), aparts(mark_lookalikes_in(plan, mission_of(one)))
     assert alone == DEFAULT_APART_M
     assert 1.0 < among < 10.0
     # Jambs are no landmarks, and are seen as corners where the doorway's other jamb is not.

@@ -11,7 +11,7 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, Sensor, build
 from phalanx.mission.authoring import free
-from phalanx.mission.authoring.findable import apart_in, without_duplicates
+from phalanx.mission.authoring.findable import mark_lookalikes_in, without_duplicates
 from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.landmarks.sites import landmarks_of
@@ -56,7 +56,7 @@ def mission(plan: FloorPlan, goal: Landmark | Position, timeout_s: int = 0):
     draft.node("start", Position(*plan.start[:2]), start=True, timeout_s=timeout_s)
     draft.node("goal", goal, final=True)
     draft.way("start", "goal")
-    return apart_in(plan, draft.mission())
+    return mark_lookalikes_in(plan, draft.mission())
 
 
 def a_pillar() -> Landmark:

@@ -20,7 +20,7 @@ from typing import Any
 from phalanx.errors import BadPayload, PhalanxError, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build
 from phalanx.mission.authoring.document import WrittenMission, words_of_alias, words_of_mission
-from phalanx.mission.authoring.findable import apart_in
+from phalanx.mission.authoring.findable import mark_lookalikes_in
 from phalanx.mission.landmarks import Site, landmarks_of
 from phalanx.mission.landmarks.sites import is_shown
 from phalanx.mission.worth.audit import Rates, audit_in
@@ -133,7 +133,9 @@ class MissionDesk:
                         raise _Replaced
                     yield answer
 
-            built = build(apart_in(self._swarm.plan, plain), BuildOptions(profile=profile), os.urandom, spread)
+            built = build(
+                mark_lookalikes_in(self._swarm.plan, plain), BuildOptions(profile=profile), os.urandom, spread
+            )
         job.begin = self._swarm.prepare(plain, built)
         job.id = built[0].mission.header.mission_id.hex()
         return {

@@ -46,7 +46,7 @@ NEAR_M, TURNED_RAD = 0.2, math.radians(10)
 SEEN_SHARE, SEEN_LEAST, STEADY_SHARE, STEADY_M = 0.3, 3, 0.85, 0.1
 
 
-def apart_in(plan: FloorPlan, mission: Mission) -> Mission:
+def mark_lookalikes_in(plan: FloorPlan, mission: Mission) -> Mission:
     """Return the mission with distances to look-alikes, from the floor plan of its building."""
     return mark_lookalikes(mission, look_alikes_of(plan))
 
@@ -90,7 +90,7 @@ def without_duplicates(landmarks: Iterable[Landmark]) -> list[Landmark]:
     return [each for alike in kept.values() for each in alike]
 
 
-def is_written_twice(one: Landmark, other: Landmark) -> bool:
+def is_duplicate(one: Landmark, other: Landmark) -> bool:
     """Return True if two landmarks are the same object at places that differ by more than MIDDLE_M."""
     alike = (one.type, one.text) == (other.type, other.text) and _is_same(one, other)
     return alike and math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) > MIDDLE_M
@@ -132,7 +132,7 @@ def _apart_m(landmark: Landmark, rows: Rows) -> float:
     return float(rivals.min()) if len(rivals) else math.inf
 
 
-class Looks:
+class SimulatedScans:
     """Simulated scans of a building by a noiseless lidar; with `as_drawn`, including the specks of its map."""
 
     def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None, *, as_drawn: bool = False) -> None:
@@ -199,8 +199,8 @@ def _is_enough(seen: int, looks: int) -> bool:
 
 @lru_cache(maxsize=2)
 def _looks(plan: FloorPlan, lidar: LidarConfig, *, as_drawn: bool = False) -> Callable[[Pose], tuple[Landmark, ...]]:
-    """Return a cached `Looks.from_pose`: the audit of a mission repeats the scans of its survey."""
-    return cache(Looks(plan, lidar, as_drawn=as_drawn).from_pose)
+    """Return a cached `SimulatedScans.from_pose`: the audit of a mission repeats the scans of its survey."""
+    return cache(SimulatedScans(plan, lidar, as_drawn=as_drawn).from_pose)
 
 
 def _beside(site: Site, looks: Sequence[Sequence[Landmark]]) -> list[Landmark]:

@@ -17,7 +17,7 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.angles import wrap_rad
 from phalanx.mission.authoring.compiling import direction_of
-from phalanx.mission.authoring.findable import Looks, is_written_twice
+from phalanx.mission.authoring.findable import SimulatedScans, is_duplicate
 from phalanx.mission.authoring.free import GRID_M, Free
 from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.landmarks import FloorPlan
@@ -112,7 +112,7 @@ class _Predictor:
         self.vain: set[Way] = set()  # ways that failed at the first try
         starts = [node.place for node in mission.nodes if node.start and node.place is not None]
         self.free = None if plan is None else Free(plan, starts)
-        self.looks = None if plan is None else Looks(plan, lidar, as_drawn=True)
+        self.looks = None if plan is None else SimulatedScans(plan, lidar, as_drawn=True)
         self.shown_m2: dict[str, float] = {}
 
     def run(self) -> Outlook:
@@ -271,7 +271,7 @@ class _Predictor:
                 whys.append(f"uncertainty of the position {doubt:.2f} m, more than {most_m:.2f} m")
             return is_there(self.config, seen, *(target.place or (0.0, 0.0)))
         for thing in self._in_sight(seen, target):
-            if any(is_written_twice(thing, known) for known in self.known):
+            if any(is_duplicate(thing, known) for known in self.known):
                 whys.append("mistaken for a known node centimetres away: give both the same place")
                 continue
             if shown and not (self.looks and self.looks.shows(_pose(seen), thing)):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
-from phalanx.mission.authoring.findable import apart_in
+from phalanx.mission.authoring.findable import mark_lookalikes_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.fix import fixed, initial_belief, odometry_errors_of
@@ -98,7 +98,7 @@ def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
 def office() -> Mission:
     """Return the built-in mission with the 32 landmarks of the default floor plan."""
     text = (importlib.resources.files("phalanx") / "data" / "missions" / "office.yaml").read_text()
-    return apart_in(load_floorplan(DEFAULT), plain_mission(yaml.safe_load(text)))
+    return mark_lookalikes_in(load_floorplan(DEFAULT), plain_mission(yaml.safe_load(text)))
 
 
 @lru_cache(maxsize=16)
