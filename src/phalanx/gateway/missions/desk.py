@@ -19,7 +19,7 @@ from typing import Any
 
 from phalanx.errors import BadPayload, PhalanxError, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build
-from phalanx.mission.authoring.document import WrittenMission, words_of_alias, words_of_mission
+from phalanx.mission.authoring.document import WrittenMission, alias_to_yaml, mission_to_yaml
 from phalanx.mission.authoring.findable import mark_lookalikes_in
 from phalanx.mission.landmarks import Site, landmarks_of
 from phalanx.mission.landmarks.sites import is_shown
@@ -89,7 +89,7 @@ class MissionDesk:
     async def running(self) -> dict[str, Any]:
         """Return the mission that runs as `read` does; empty: none runs, or only its files are known."""
         plain = self._swarm.plain()
-        return await asyncio.to_thread(_drawn, words_of_mission(plain), plain) if plain else {}
+        return await asyncio.to_thread(_drawn, mission_to_yaml(plain), plain) if plain else {}
 
     def compile(self, text: str, profile: Profile) -> None:
         """Begin to compile a mission's YAML; `job` tells what comes of it."""
@@ -251,7 +251,7 @@ def _ways(words: Any) -> Iterator[dict[str, Any]]:
 
 
 def _site(site: Site) -> dict[str, Any]:
-    see = [words_of_alias((alias,), DIGITS) for alias in site.aliases]
+    see = [alias_to_yaml((alias,), DIGITS) for alias in site.aliases]
     return {
         "type": site.type,
         "at": _rounded(site.place_m),
