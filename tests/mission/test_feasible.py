@@ -18,7 +18,7 @@ from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.worth import feasible
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import failing_ways, look_ahead
-from phalanx.mission.worth.outlook import SLACK, SPEED_MPS, time_for_s
+from phalanx.mission.worth.outlook import SLACK, SPEED_MPS, time_limit_s
 from phalanx.robot.controllers.mission import field, pilot
 from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.building.odometry import OdometryNoise
@@ -280,9 +280,9 @@ def test_a_mission_has_as_long_as_its_ways_are():
         draft.way("a", "b")
         draft.way("a", "c", both=True)
         draft.way("c", "b")
-        return time_for_s(draft.mission())
+        return time_limit_s(draft.mission())
 
     assert limit_s(12) - limit_s(6) == pytest.approx(SLACK * 2 * 6 / SPEED_MPS, abs=1)
     office = read_plain("office")
-    assert time_for_s(office) > 4 * 600, "which takes 570 s"
-    assert time_for_s(office, Profile.SEALED) == pytest.approx(1.5 * time_for_s(office), abs=1)
+    assert time_limit_s(office) > 4 * 600, "which takes 570 s"
+    assert time_limit_s(office, Profile.SEALED) == pytest.approx(1.5 * time_limit_s(office), abs=1)
