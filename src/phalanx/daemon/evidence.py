@@ -21,7 +21,7 @@ from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.retrace import Entry, Finding, entries_of, first_dishonest_entry
-from phalanx.scenarios.behaviour import on_stage, params_of
+from phalanx.scenarios.behaviour import params_of, with_protocol
 from phalanx.scenarios.file import parse_scenario, written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, PROOF
@@ -74,7 +74,7 @@ class RobotLog:
 
         `controller` creates the user's own controller, if the robot ran one. Source: RoboRebound §3.7.
         """
-        scenario, made, _ = on_stage(self.scenario, controller)
+        scenario, made, _ = with_protocol(self.scenario, controller)
         if not made:
             made = compiled(dispatch.NUMBERS[scenario.controller], params_of(scenario, self.mission))
         return first_dishonest_entry(self.plain(), self.robot, self.t_key_ms, scenario.bti, made, scenario.seed)

@@ -18,7 +18,7 @@ from phalanx.net.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.scenarios.behaviour import MakeController, driving, on_stage, with_room
+from phalanx.scenarios.behaviour import MakeController, driving, with_protocol, with_room
 from phalanx.scenarios.file import find_scenario, written_scenario
 from phalanx.scenarios.own import find_controller, find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
@@ -59,7 +59,7 @@ def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, M
     if settings.said.controller:
         words = str(settings.path(settings.said.controller))
         _, made = find_controller(words, scenario, in_python=True)
-    scenario, made, _ = on_stage(scenario, made)
+    scenario, made, _ = with_protocol(scenario, made)
     return with_room(scenario, made), made
 
 

@@ -77,7 +77,7 @@ def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario
     return replace(scenario, bti=replace(scenario.bti, **longest))
 
 
-def on_stage(
+def with_protocol(
     scenario: Scenario, controller: MakeController | None
 ) -> tuple[Scenario, MakeController | None, Stage | None]:
     """Return the scenario adapted to a protocol's readings and states, the protocol's controllers, and its stage.

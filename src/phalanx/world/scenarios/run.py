@@ -24,9 +24,9 @@ from phalanx.scenarios.behaviour import (
     adviser,
     driving,
     number_of,
-    on_stage,
     params_of,
     plan_of,
+    with_protocol,
     with_room,
 )
 from phalanx.scenarios.scenario import Scenario, in_scenarios
@@ -66,7 +66,7 @@ class Run:
     ) -> None:
         if not self.has_station:  # simulated planners do not sign advice
             scenario = replace(scenario, guard=replace(scenario.guard, adviser_key=""))
-        scenario, controller, self.stage = on_stage(scenario, controller)
+        scenario, controller, self.stage = with_protocol(scenario, controller)
         self.scenario = scenario = with_room(scenario, controller)
         n = scenario.robots
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
