@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import Replayed
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 from phalanx.wire import MalformedRecord
 from phalanx.wire.sessions import ACCEPT, HELLO, RECORD, SIGNED_HELLO
 
@@ -70,8 +70,8 @@ class Connections:
         self._of_visitor: dict[int, int] = {}
         self._on_broker = 0
         self._hellos: OrderedDict[bytes, None] = OrderedDict()
-        self._budgets = {kind: Pace(config.hellos_per_s, config.hellos_per_s, now.ms / 1000) for kind in Kind}
-        self._budgets[Kind.OPEN] = Pace(config.open_hellos_per_s, config.open_hellos_at_once, now.ms / 1000)
+        self._budgets = {kind: TokenBucket(config.hellos_per_s, config.hellos_per_s, now.ms / 1000) for kind in Kind}
+        self._budgets[Kind.OPEN] = TokenBucket(config.open_hellos_per_s, config.open_hellos_at_once, now.ms / 1000)
 
     def __iter__(self) -> Iterator[Connection]:
         return iter(list(self._all.values()))

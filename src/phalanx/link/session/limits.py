@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 
 from phalanx.config.session import SessionConfig
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 
 from .errors import TooMany, TriesUsedUp
 
@@ -24,10 +24,10 @@ class Caps:
 
     def __init__(self, config: SessionConfig, now_ms: int) -> None:
         now_s = now_ms / 1000
-        self._commands = Pace(config.commands_per_s, config.commands_per_s, now_s)
-        self._requests = Pace(config.requests_per_s, config.requests_per_s, now_s)
-        self._handshakes = Pace(config.handshakes_per_min / 60, config.handshakes_at_once, now_s)
-        self._routes: OrderedDict[str, Pace] = OrderedDict()
+        self._commands = TokenBucket(config.commands_per_s, config.commands_per_s, now_s)
+        self._requests = TokenBucket(config.requests_per_s, config.requests_per_s, now_s)
+        self._handshakes = TokenBucket(config.handshakes_per_min / 60, config.handshakes_at_once, now_s)
+        self._routes: OrderedDict[str, TokenBucket] = OrderedDict()
 
     def command(self, now_ms: int) -> None:
         """Count a command. Raises: TooMany."""
@@ -52,7 +52,7 @@ class Caps:
             # Forgetting a robot resets its limit; the limit of commands still holds.
             if len(self._routes) >= ROBOTS_REMEMBERED:
                 self._routes.popitem(last=False)
-            self._routes[robot] = Pace(ROUTES_PER_S, ROUTES_PER_S, now_ms / 1000)
+            self._routes[robot] = TokenBucket(ROUTES_PER_S, ROUTES_PER_S, now_ms / 1000)
         if not self._routes[robot].take(now_ms / 1000):
             raise TooMany("routes of this visitor for this robot")
 
@@ -83,14 +83,14 @@ class Joins:
 
     def __init__(self, config: SessionConfig) -> None:
         self._per_hour = config.joins_per_address
-        self._of: OrderedDict[str, Pace] = OrderedDict()
+        self._of: OrderedDict[str, TokenBucket] = OrderedDict()
 
     def count(self, address: str, now_ms: int) -> None:
         """Count a join. Raises: TooMany."""
         if address not in self._of:
             if len(self._of) >= ADDRESSES_REMEMBERED:
                 self._of.popitem(last=False)
-            self._of[address] = Pace(self._per_hour / 3600, self._per_hour, now_ms / 1000)
+            self._of[address] = TokenBucket(self._per_hour / 3600, self._per_hour, now_ms / 1000)
         self._of.move_to_end(address)
         if not self._of[address].take(now_ms / 1000):
             raise TooMany("joins of this address")
