@@ -16,7 +16,7 @@ from phalanx.bti.elsewhere import FORWARDED, made_by
 from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import PeerError, Unavailable
 from phalanx.wire import Record, lines
-from phalanx.wire.framing import Frames, framed
+from phalanx.wire.framing import Frames, encode_frame
 from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL
 
 from .serial_line import SerialLine
@@ -129,7 +129,7 @@ class SerialNode:
         if self._ended:
             raise Unavailable(self._ended)
         self._number = (self._number + 1) % NUMBERS
-        frame = framed(call.encode(number=self._number, **arguments))
+        frame = encode_frame(call.encode(number=self._number, **arguments))
         timeout_s = max(self._timeout_s, BEGINS_TIMEOUT_S) if call in BEGINS else self._timeout_s
         end_s = time.monotonic() + timeout_s
         # The answer to a frame has at most the same length plus a header.
