@@ -49,7 +49,7 @@ from phalanx.lab.scorecard.card import write_csv
 from phalanx.net import serial_line, udp_radio
 from phalanx.net.mission_key import issued, read_board, read_mission_key
 from phalanx.net.serial_line import open_line
-from phalanx.net.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
+from phalanx.net.udp_radio import LEAST_WAITING, PeerLimits, UdpRadio, parsed
 from phalanx.papers.table import Table, TableFile
 from phalanx.recording.recorder import Recorder
 from phalanx.robot.controllers import dispatch
@@ -456,7 +456,7 @@ def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
 
 
 @contextlib.contextmanager
-def a_radio_and_its_peers(silent: int, may: Allowance) -> Iterator[tuple[UdpRadio, Callable[..., None], list[Any]]]:
+def a_radio_and_its_peers(silent: int, may: PeerLimits) -> Iterator[tuple[UdpRadio, Callable[..., None], list[Any]]]:
     """A radio, what says something to it so often, and two of its peers' sockets, and a stranger's."""
     with contextlib.ExitStack() as stack:
         made = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(4)]
@@ -477,7 +477,7 @@ def a_radio_and_its_peers(silent: int, may: Allowance) -> Iterator[tuple[UdpRadi
 
 @pytest.mark.parametrize("silent", [0, 62])
 def test_who_floods_a_radio_waits_for_itself_and_holds_up_another_by_one_frame(silent):
-    with a_radio_and_its_peers(silent, Allowance()) as (radio, say, (flood, it, stranger)):
+    with a_radio_and_its_peers(silent, PeerLimits()) as (radio, say, (flood, it, stranger)):
         say(flood, b"flood", 3000)
         say(stranger, b"stranger", 700)
         for word in (b"one", b"two"):
@@ -493,7 +493,7 @@ def test_of_each_peer_as_many_frames_are_read_as_its_a_node_lets_through(monkeyp
     now_s = [1000.0]
     monkeypatch.setattr(udp_radio.time, "monotonic", lambda: now_s[0])
     state, audit = b"\x01" + bytes(26), b"\x80" + bytes(26)
-    may = Allowance(packets_per_s=40, send_us_per_s=300, send_capacity_us=400, fixed_us=73, ns_per_byte=1000)
+    may = PeerLimits(packets_per_s=40, send_us_per_s=300, send_capacity_us=400, fixed_us=73, ns_per_byte=1000)
     with a_radio_and_its_peers(0, may) as (radio, say, (flood, it, _)):
         say(flood, state, 20)
         assert heard_by(radio) == [state] * 4, "each takes 100 us"
@@ -511,7 +511,7 @@ def test_of_each_peer_as_many_frames_are_read_as_its_a_node_lets_through(monkeyp
 
 
 def test_a_second_radio_at_the_same_address_is_refused():
-    with a_radio_and_its_peers(0, Allowance()) as (radio, _, (peer, *_)):
+    with a_radio_and_its_peers(0, PeerLimits()) as (radio, _, (peer, *_)):
         with pytest.raises(Unavailable, match="in use") as taken:
             UdpRadio("{}:{}".format(*radio._here), ["{}:{}".format(*peer.getsockname())])
         assert taken.value.hint.startswith("use another port")

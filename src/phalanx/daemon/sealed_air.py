@@ -13,7 +13,7 @@ from phalanx.bti.elsewhere import Elsewhere
 from phalanx.bti.nodes import limits_of
 from phalanx.bti.trusted import REASONS
 from phalanx.errors import UsageError
-from phalanx.net.udp_radio import Allowance, Radio
+from phalanx.net.udp_radio import PeerLimits, Radio
 from phalanx.scenarios.scenario import WHEELS, Scenario
 from phalanx.wire import Record, lines
 from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL
@@ -89,7 +89,7 @@ def _seal(waiting: deque[tuple[bytes, bytes]], packet: bytes) -> bytes:
     return b""
 
 
-def may_send(scenario: Scenario, peers: int, *, sealed: bool = False) -> Allowance:
+def may_send(scenario: Scenario, peers: int, *, sealed: bool = False) -> PeerLimits:
     """Return the allowance of each of `peers` addresses; in an arena all other robots share one address.
 
     Only the number of packets is limited if they are `sealed`, as an a-node refuses forgeries before they are logged,
@@ -101,8 +101,8 @@ def may_send(scenario: Scenario, peers: int, *, sealed: bool = False) -> Allowan
     packets_per_s = 2 * (limits.send_us_per_s + limits.audit_us_per_s) / limits.airtime_fixed_us
     packets_per_s = behind * max(LEAST_PER_S, packets_per_s)
     if sealed or scenario.controller == WHEELS:
-        return Allowance(packets_per_s)
-    return Allowance(
+        return PeerLimits(packets_per_s)
+    return PeerLimits(
         packets_per_s,
         behind * limits.send_us_per_s,
         behind * limits.send_capacity_us,
