@@ -39,7 +39,7 @@ from phalanx.link.topics import CommandTopic
 from phalanx.net.answers import Answers
 from phalanx.net.front import Closed, Event, Opened, Received
 from phalanx.net.server import call_handler
-from phalanx.net.session_broker import KNOCKS, SessionBroker
+from phalanx.net.session_broker import HELLO_CONNECTION, SessionBroker
 from phalanx.net.session_store import LinkKeys
 
 from . import vocabulary
@@ -220,7 +220,7 @@ class SessionLink:
         match event:
             case Opened(connection, address):
                 self.carry(self.server.opened(connection, address, now()))
-            case Received(connection, data) if connection == KNOCKS:
+            case Received(connection, data) if connection == HELLO_CONNECTION:
                 self.carry(self.server.receive_hello(data, now()))
             case Received(connection, data):
                 self.carry(self._receive(connection, data))

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from phalanx.link.session.events import Close, Publish, Send
 from phalanx.net.front import Event
-from phalanx.net.session_broker import SessionBroker, Told
+from phalanx.net.session_broker import BrokerOutput, SessionBroker
 
 
 class FrontEnd(Protocol):
@@ -46,7 +46,7 @@ class SessionTransports:
         """Return the event streams of the transports."""
         return [self._front.events(), *([self.broker.events()] if self.broker else [])]
 
-    def carry(self, action: Told) -> None:
+    def carry(self, action: BrokerOutput) -> None:
         """Carry out an action of the server."""
         match action:
             case Publish(connections, data):
