@@ -22,10 +22,10 @@ CONNECT_S = 10.0
 HEARTBEAT_S = 20.0
 UNREAD = 256  # messages in the queue; further ones wait in the broker's connection, which may drop them
 # Errors that are raised without a connection.
-AWAY = (OSError, aiohttp.ClientError, TimeoutError)
+CONNECTION_ERRORS = (OSError, aiohttp.ClientError, TimeoutError)
 
 
-class Way(Protocol):
+class ClientTransport(Protocol):
     """One connection. Use as `async with`: entered once it is established."""
 
     async def __aenter__(self) -> Self:
@@ -47,7 +47,7 @@ class Way(Protocol):
         """End `messages`."""
 
 
-class WebsocketWay:
+class WebsocketTransport:
     """Websocket. `max_bytes` limits a message; `rejected` counts messages that are not binary."""
 
     def __init__(self, url: str, max_bytes: int, rejected: Counter[str]) -> None:
@@ -95,7 +95,7 @@ class WebsocketWay:
             await end_websocket(self._socket)
 
 
-class BrokerWay:
+class BrokerTransport:
     """Topics on an invitation's broker. A connection does not mean that the swarm is reachable."""
 
     def __init__(self, invitation: Invitation, rejected: Counter[str]) -> None:
