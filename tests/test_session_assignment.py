@@ -202,9 +202,9 @@ def test_a_visitor_that_is_back_within_ten_seconds_keeps_its_robot():
     again.closed = "gone"
     world.wait(11_000)
     assert world.server.assignment.robot_of(2) == "R1"
-    from phalanx.link.session.events import Stands
+    from phalanx.link.session.events import StandingChanged
 
-    assert bea.last(Stands).standing.robot == "R1"
+    assert bea.last(StandingChanged).standing.robot == "R1"
 
 
 # --- limits ---

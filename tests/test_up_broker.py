@@ -20,7 +20,7 @@ from phalanx.gateway import Gateway
 from phalanx.gateway.session_link import SessionLink, now
 from phalanx.gateway.trail import Trail
 from phalanx.link.session import EndReason, MemoryStore, parse_invitation
-from phalanx.link.session.events import Close, Listen, Send
+from phalanx.link.session.events import Close, Send, SetConnectionTopics
 from phalanx.link.session.events import Publish as Update
 from phalanx.link.session.secret import hello_topic
 from phalanx.net.broker import RunningBroker
@@ -258,8 +258,8 @@ class TestTurns:
     async def test_who_floods_its_topic_has_one_turn_in_each_round_and_room_for_a_few(self):
         async with a_broker() as broker, Spy(broker) as spy, SessionBroker(broker.url, ROOT, "knocks", 1000) as way:
             await way.wait_connected(10)
-            way.carry(Listen(-1, ("one",)))
-            way.carry(Listen(-2, ("two",)))
+            way.carry(SetConnectionTopics(-1, ("one",)))
+            way.carry(SetConnectionTopics(-2, ("two",)))
             way.carry(Send(-1, b"ready", "ready"))
             await eventually(lambda: (f"{ROOT}/ready", b"ready") in spy.heard)
             flood = bytes(SIGNED_HELLO.size)
@@ -283,8 +283,8 @@ class TestTurns:
     async def test_topics_of_a_connection_that_is_over_are_left(self):
         async with a_broker() as broker, Spy(broker) as spy, SessionBroker(broker.url, ROOT, "knocks", 1000) as way:
             await way.wait_connected(10)
-            way.carry(Listen(-1, ("one", "two")))
-            way.carry(Listen(-1, ("two", "three")))
+            way.carry(SetConnectionTopics(-1, ("one", "two")))
+            way.carry(SetConnectionTopics(-1, ("two", "three")))
             assert set(way._of) == {f"{ROOT}/{each}" for each in ("knocks", "two", "three")}
             await spy.say(f"{ROOT}/two", b"x")
             way.carry(Close(-1, "leave"))

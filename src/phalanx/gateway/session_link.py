@@ -27,11 +27,11 @@ from phalanx.link.session.events import (
     CommandRefused,
     Joined,
     Left,
-    Listen,
     Publish,
     Requested,
     Send,
     ServerEvent,
+    SetConnectionTopics,
 )
 from phalanx.link.session.store import GroupedStore
 from phalanx.link.session.visitors import Visitor
@@ -184,7 +184,7 @@ class SessionLink:
 
     def _carry_out(self, event: ServerEvent) -> None:
         match event:
-            case Send() | Listen() | Close():
+            case Send() | SetConnectionTopics() | Close():
                 self._ways.carry(event)
             case Publish(connections):
                 self._ways.carry(

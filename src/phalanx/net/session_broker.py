@@ -14,7 +14,7 @@ from typing import Self
 
 from phalanx.errors import PeerError
 from phalanx.link.messages import Ask, Publish, Subscribe, Unsubscribe
-from phalanx.link.session.events import Close, Listen, Send
+from phalanx.link.session.events import Close, Send, SetConnectionTopics
 from phalanx.link.session.events import Publish as Update
 from phalanx.wire.sessions import RECORD, SIGNED_HELLO, TAG_BYTES
 
@@ -28,7 +28,7 @@ MORE_BYTES = 64  # overhead of a queued message
 AT_ONCE_S = 0.01  # longest time for messages before other tasks of the event loop run
 UNSENT_BYTES = 32 * 1024 * 1024  # limit of the queue to a broker that does not read
 CLOSE_TIMEOUT_S = 1.0
-BrokerOutput = Send | Update | Listen | Close
+BrokerOutput = Send | Update | SetConnectionTopics | Close
 
 
 class SessionBroker:
@@ -121,7 +121,7 @@ class SessionBroker:
                 update = Publish(f"{self._root}/{topic}", data)
                 if self._update is None and self._put(update):
                     self._update = update
-            case Listen(connection, topics):
+            case SetConnectionTopics(connection, topics):
                 self._listen(connection, topics)
             case Close(connection) if connection != HELLO_CONNECTION:
                 self._listen(connection, ())

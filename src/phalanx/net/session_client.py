@@ -18,7 +18,7 @@ from phalanx.link.session.events import (
     Admitted,
     ClientEvent,
     Replied,
-    Stands,
+    StandingChanged,
     Transmit,
     Updated,
     WasRefused,
@@ -331,7 +331,7 @@ class Client:
         match event:
             case Admitted(visitor, name):
                 self.visitor, self.name = visitor, name
-            case Stands(standing):
+            case StandingChanged(standing):
                 self.standing = standing
             case Updated(state):
                 self._has_seen = True

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from phalanx.config.session import SessionConfig
 from phalanx.errors import PeerError, Unavailable
 from phalanx.link.session import EndReason, Invitation, Secret, SessionClient
-from phalanx.link.session.events import Admitted, ClientEvent, Ended, Hear, KeepSecret, Transmit
+from phalanx.link.session.events import Admitted, ClientEvent, Ended, KeepSecret, SetTopics, Transmit
 from phalanx.link.session.invitation import BadInvitation
 from phalanx.link.session.slots import Say
 from phalanx.wire.sessions import LINK_PATH, TAG_BYTES, UPDATE
@@ -187,7 +187,7 @@ class SessionConnection:
             match event:
                 case Transmit() if self._way:
                     await self._way.send(event)
-                case Hear(topics) if self._way:
+                case SetTopics(topics) if self._way:
                     await self._way.hear(topics)
                 case KeepSecret(secret, lifetime_s):
                     await self._keep(secret, lifetime_s)

@@ -20,7 +20,7 @@ from phalanx.wire.sessions import ACCEPT, HELLO, RECORD, SIGNED_HELLO
 
 from .channel import Channel
 from .errors import TooMany, Unexpected
-from .events import Close, Listen, Now, Send, ServerEvent
+from .events import Close, Now, Send, ServerEvent, SetConnectionTopics
 from .messages import FromServer, encode
 from .noise import KEY_BYTES, respond
 from .secret import Kind, Secret, prologue, record_topic
@@ -161,7 +161,7 @@ class Connections:
         """Return the event that sets the subscriptions of a connection on a broker."""
         if not connection.on_broker:
             return []
-        return [Listen(connection.number, tuple(map(record_topic, connection.channel.receive_ciphers())))]
+        return [SetConnectionTopics(connection.number, tuple(map(record_topic, connection.channel.receive_ciphers())))]
 
     def _accept(
         self, connection: Connection, secret: Secret, noise: bytes, now: Now, topic: str = ""
