@@ -133,7 +133,7 @@ class SessionServer:
             events += self._overdue(connection, now)
         epoch = self.updates.tick(now.ms)
         if epoch:
-            events += self.tell_all(epoch)
+            events += self.send_to_all_visitors(epoch)
         for visitor, since_ms in list(self._away.items()):
             if now.ms - since_ms >= self.config.lease_ms:  # until then a reloaded page keeps its robot
                 del self._away[visitor]
@@ -170,7 +170,7 @@ class SessionServer:
         connection = self.connections.of_visitor(visitor)
         return self.connections.seal(connection, *messages) if connection and connection.channel.is_open else []
 
-    def tell_all(self, *messages: FromServer) -> list[ServerEvent]:
+    def send_to_all_visitors(self, *messages: FromServer) -> list[ServerEvent]:
         """Send messages to all visitors that do not wait for approval."""
         return [
             event for each in self.connections if self._reads(each) for event in self.connections.seal(each, *messages)
