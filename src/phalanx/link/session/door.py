@@ -12,7 +12,7 @@ from phalanx.wire.sessions import TICKET_KEY, TICKET_ROW
 
 from .errors import TooMany, UnknownSecret
 from .invitation import new_room_code
-from .limits import RoomTries
+from .limits import RoomCodeAttempts
 from .messages import Role
 from .secret import INVITATION_BYTES, NO_ID, Kind, Secret
 from .store import Store
@@ -62,7 +62,7 @@ class Door:
             raise UsageError("an open code never admits operators", "make a ticket")
         self._config, self._store, self._random_bytes = config, store, random_bytes
         self.open_role = open_role
-        self._tries = RoomTries(config)
+        self._tries = RoomCodeAttempts(config)
         self._tickets: dict[bytes, Ticket] = {}
         self._hellos: dict[bytes, TokenBucket] = {}  # limits of first messages with a ticket, on a broker
         for key, row in store.load().items():

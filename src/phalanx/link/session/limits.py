@@ -17,7 +17,7 @@ ROBOTS_REMEMBERED = 64  # robots per visitor with a route limit
 ADDRESSES_REMEMBERED = 4096  # addresses with a join limit
 
 
-class Caps:
+class VisitorLimits:
     """Rate limits of one visitor, over all its connections."""
 
     __slots__ = ("_commands", "_handshakes", "_requests", "_routes")
@@ -57,21 +57,21 @@ class Caps:
             raise TooMany("routes of this visitor for this robot")
 
 
-class AllCaps:
+class LimitsByVisitor:
     """Rate limits of all visitors; kept when a visitor leaves, or each new connection would allow a fresh burst."""
 
     def __init__(self, config: SessionConfig) -> None:
         self._config = config
-        self._of: OrderedDict[int, Caps] = OrderedDict()
+        self._of: OrderedDict[int, VisitorLimits] = OrderedDict()
 
-    def of(self, visitor: int, now_ms: int) -> Caps:
+    def of(self, visitor: int, now_ms: int) -> VisitorLimits:
         """Return the rate limits of a visitor."""
         if visitor not in self._of:
-            self.give(visitor, Caps(self._config, now_ms))
+            self.give(visitor, VisitorLimits(self._config, now_ms))
         self._of.move_to_end(visitor)
         return self._of[visitor]
 
-    def give(self, visitor: int, caps: Caps) -> None:
+    def give(self, visitor: int, caps: VisitorLimits) -> None:
         """Set the rate limits of a visitor that replaces another one."""
         self._of[visitor] = caps
         if len(self._of) > self._config.visitors_max:
@@ -96,7 +96,7 @@ class Joins:
             raise TooMany("joins of this address")
 
 
-class RoomTries:
+class RoomCodeAttempts:
     """Attempts with room codes in the last hour. Successful ones do not count: fifty phones may share one router.
 
     Each code that an operator makes has a new budget, or twelve addresses could lock out all others for an hour. The

@@ -20,7 +20,7 @@ from .connections import Connection, Connections, is_record
 from .door import Door, Grant
 from .errors import Busy, EndReason, NotAllowed, Reason, TooMany, Unexpected, UnknownSecret
 from .events import Close, Commanded, CommandRefused, Joined, Left, Now, Publish, Requested, ServerEvent
-from .limits import AllCaps, Joins
+from .limits import Joins, LimitsByVisitor
 from .messages import (
     Command,
     End,
@@ -76,7 +76,7 @@ class SessionServer:
         self.visitors = Visitors(config, store)
         self.door = Door(config, store, random_bytes, now.ms, open_role)
         self.assignment = Assignment(config)
-        self.caps = AllCaps(config)
+        self.caps = LimitsByVisitor(config)
         self.updates = UpdateWriter(config, signer, random_bytes, now.ms)
         self.connections = Connections(config, static, random_bytes, self._find_secret, now)
         self._random_bytes = random_bytes
