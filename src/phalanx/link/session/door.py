@@ -48,7 +48,7 @@ class Grant:
     uses: int = 0  # uses left of that ticket
 
 
-class Door:
+class InvitationRegistry:
     """The open code, the room code and the tickets of a swarm.
 
     Attributes:

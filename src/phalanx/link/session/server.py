@@ -17,7 +17,7 @@ from phalanx.errors import Late, PeerError
 
 from .assignment import Assignment
 from .connections import Connection, Connections, is_record
-from .door import Door, Grant
+from .door import Grant, InvitationRegistry
 from .errors import Busy, EndReason, NotAllowed, Reason, TooMany, Unexpected, UnknownSecret
 from .events import Close, Commanded, CommandRefused, Joined, Left, Now, Publish, Requested, ServerEvent
 from .limits import Joins, LimitsByVisitor
@@ -74,7 +74,7 @@ class SessionServer:
         self.config = config
         self.rejected: Counter[str] = Counter()
         self.visitors = Visitors(config, store)
-        self.door = Door(config, store, random_bytes, now.ms, open_role)
+        self.door = InvitationRegistry(config, store, random_bytes, now.ms, open_role)
         self.assignment = Assignment(config)
         self.caps = LimitsByVisitor(config)
         self.updates = UpdateWriter(config, signer, random_bytes, now.ms)
