@@ -22,7 +22,7 @@ from phalanx.net.broker import RunningBroker, open_broker
 from phalanx.net.broker_url import on_host
 from phalanx.net.front import Front
 from phalanx.net.ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port, lan_address
-from phalanx.net.seats import allow_files
+from phalanx.net.seats import raise_file_limit
 from phalanx.net.session_broker import SessionBroker
 from phalanx.net.session_store import LinkKeys
 from phalanx.net.site import beside
@@ -144,7 +144,7 @@ async def up(
     Raises: UsageError, Unavailable: an invalid option, a port or folder in use, a broker that refuses us.
     """
     token = options.operator_token or secrets.token_hex(16)
-    allow_files(MANY_FILES)
+    raise_file_limit(MANY_FILES)
     async with contextlib.AsyncExitStack() as stack:
         kept: StoredState = stack.enter_context(open_state(options.state, is_optional=options.state_is_optional))
         front = await _front(options, stack, kept.keys)

@@ -22,7 +22,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.web_protocol import RequestHandler
 
 from .ports import LOOPBACK, listen
-from .seats import Seats, a_share, place_of
+from .seats import Seats, connection_limit, place_of
 
 # A page has some 600 KB: a phone that cannot load it in this time cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
@@ -72,7 +72,7 @@ class Site:
         self._folder = folder
         self._doors = doors
         self._listening: list[asyncio.Server] = []
-        self._seats = Seats[Connection](a_share(connections, FILES_EACH))
+        self._seats = Seats[Connection](connection_limit(connections, FILES_EACH))
         headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
 
         @web.middleware
