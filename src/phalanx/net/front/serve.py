@@ -18,7 +18,7 @@ import sys
 from pathlib import Path
 
 from phalanx.config.front import FrontConfig
-from phalanx.net.children import end_with
+from phalanx.net.children import end_with_parent
 from phalanx.net.seats import raise_file_limit
 from phalanx.net.site import FILES_EACH
 
@@ -66,6 +66,6 @@ def yield_to_gateway() -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends this process
-    end_with(int(sys.argv[1]))
+    end_with_parent(int(sys.argv[1]))
     yield_to_gateway()
     asyncio.run(serve(sys.argv[2:]))
