@@ -14,7 +14,7 @@ from phalanx.crypto.jwe import encode_base64url
 from phalanx.errors import Unknown
 from phalanx.link.messages import Rejected
 from phalanx.link.session.errors import Busy
-from phalanx.net.server import Happening
+from phalanx.net.server import LinkEvent
 from phalanx.robot import Swarm
 from phalanx.robot.swarm import SteppedSwarm
 
@@ -272,7 +272,7 @@ class Running:
             event = event | {"qr_url": self.qr_url}
         self._say(event)
 
-    def _on_shared(self, happening: Happening) -> None:
+    def _on_shared(self, happening: LinkEvent) -> None:
         # The first refusal of each reason is reported at once, later ones as sums: there can be thousands.
         if isinstance(happening, Rejected) and happening.reason in self._told:
             return

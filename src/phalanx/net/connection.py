@@ -30,7 +30,7 @@ from phalanx.link.messages import Ask, Publish, Subscribe
 from .broker_packets import MAX_PACKET_BYTES, Arrived
 from .broker_url import BrokerUrl
 from .incoming import INCOMING_MESSAGES, Incoming
-from .packets import READ_FOR_S, CheckedClient, Emptied
+from .packets import READ_FOR_S, CheckedClient, SocketEmptiedAt
 from .websocket import by_websocket
 
 log = logging.getLogger(__name__)
@@ -196,7 +196,7 @@ class Connection:
             await self._speak(way)
 
     async def _speak(self, way: socket.socket | None) -> None:
-        emptied = Emptied()
+        emptied = SocketEmptiedAt()
         incoming = Incoming(self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s)
         client = CheckedClient(
             self.broker.host,
