@@ -21,7 +21,7 @@ from phalanx.net import Login
 from phalanx.net.broker import RunningBroker, open_broker
 from phalanx.net.broker_url import on_host
 from phalanx.net.front import Front
-from phalanx.net.ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port, lan_address
+from phalanx.net.ports import EVERYWHERE, LOOPBACK, free_port, lan_address, retry_while_port_taken
 from phalanx.net.seats import raise_file_limit
 from phalanx.net.session_broker import SessionBroker
 from phalanx.net.session_store import LinkKeys
@@ -230,4 +230,4 @@ async def _front(options: UpOptions, stack: contextlib.AsyncExitStack, keys: Lin
         )
         return await stack.enter_async_context(front)
 
-    return await (at_a_free_port(start) if options.port is None else start())
+    return await (retry_while_port_taken(start) if options.port is None else start())
