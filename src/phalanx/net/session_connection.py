@@ -19,7 +19,7 @@ from phalanx.errors import PeerError, Unavailable
 from phalanx.link.session import EndReason, Invitation, Secret, SessionClient
 from phalanx.link.session.events import Admitted, ClientEvent, Ended, KeepSecret, SetTopics, Transmit
 from phalanx.link.session.invitation import BadInvitation
-from phalanx.link.session.slots import Say
+from phalanx.link.session.slots import SealRecord
 from phalanx.wire.sessions import LINK_PATH, TAG_BYTES, UPDATE
 
 from .resume_file import read_resume, write_resume
@@ -100,7 +100,7 @@ class SessionConnection:
             self.failure = failure
             self._on_lost()
 
-    async def transmit(self, say: Say) -> None:
+    async def transmit(self, say: SealRecord) -> None:
         """Seal a record, and send it. Raises: SessionOver; Unavailable: the connection is lost."""
         if self.failure:
             raise self.failure

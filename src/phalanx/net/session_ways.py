@@ -29,7 +29,7 @@ class ClientTransport(Protocol):
     """One connection. Use as `async with`: entered once it is established."""
 
     async def __aenter__(self) -> Self:
-        """Connect. Raises: AWAY; Unavailable: the broker refuses the connection."""
+        """Connect. Raises: CONNECTION_ERRORS; Unavailable: the broker refuses the connection."""
 
     async def __aexit__(self, *_: object) -> None:
         """Disconnect."""
@@ -38,7 +38,7 @@ class ClientTransport(Protocol):
         """Yield received messages until the connection is closed."""
 
     async def send(self, message: Transmit) -> None:
-        """Send a message. Raises: AWAY."""
+        """Send a message. Raises: CONNECTION_ERRORS."""
 
     async def hear(self, topics: tuple[str, ...]) -> None:
         """Set the topics to receive from to exactly these."""
@@ -82,7 +82,7 @@ class WebsocketTransport:
                 self._rejected["unexpected"] += 1
 
     async def send(self, message: Transmit) -> None:
-        """Send a message. Raises: AWAY."""
+        """Send a message. Raises: CONNECTION_ERRORS."""
         assert self._socket is not None, "it is entered first"
         await self._socket.send_bytes(message.data)
 
@@ -128,7 +128,7 @@ class BrokerTransport:
             yield data
 
     async def send(self, message: Transmit) -> None:
-        """Send a message. Raises: AWAY."""
+        """Send a message. Raises: CONNECTION_ERRORS."""
         if not await self._link.send((Publish(f"{self._root}/{message.topic}", message.data),)):
             raise ConnectionError("the broker is unreachable")
 

@@ -70,7 +70,7 @@ class Operations:
         return self._server.standings(now)
 
     def give(self, robot: str, visitor: int, now: Now) -> list[ServerEvent]:
-        """Assign a robot to a visitor. Raises: UsageError: no such visitor; NotAllowed: as `Assignment.check_may_drive`."""
+        """Assign a robot to a visitor. Raises: UsageError: no visitor; NotAllowed: `Assignment.check_may_drive`."""
         self._server.assignment.give(robot, self._known(visitor), now.ms)
         return self._server.standings(now)
 

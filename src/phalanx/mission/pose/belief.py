@@ -30,7 +30,7 @@ SLIP = 0.05
 UPPER = tuple((i, j) for i in range(COUNT) for j in range(i, COUNT))
 
 
-class Wheels(NamedTuple):
+class OdometryErrors(NamedTuple):
     """Standard deviations of odometry errors."""
 
     way: float  # scale error of distances
@@ -43,7 +43,7 @@ class Wheels(NamedTuple):
 
 @kernel
 def moved(
-    mean: F64x1, spread: F64x2, way_m: float, turn_rad: float, touches: bool, wheels: Wheels
+    mean: F64x1, spread: F64x2, way_m: float, turn_rad: float, touches: bool, wheels: OdometryErrors
 ) -> tuple[F64x1, F64x2]:
     """Return (mean, covariance) after odometry has measured a distance, negative for backwards, and a turn.
 
@@ -91,7 +91,7 @@ def moved(
 
 @kernel
 def _driven(
-    mean: F64x1, spread: F64x2, before: Pose, after: Pose, touches: bool, wheels: Wheels
+    mean: F64x1, spread: F64x2, before: Pose, after: Pose, touches: bool, wheels: OdometryErrors
 ) -> tuple[F64x1, F64x2]:
     turn = wrap(after[2] - before[2])
     sine, cosine = sin_cos(before[2] + 0.5 * turn)
@@ -129,11 +129,11 @@ class Belief:
         """Return the 27 numbers of a checkpoint: the mean, and the upper triangle of the covariance, row by row."""
         return *self.mean.tolist(), *(float(self.spread[i, j]) for i, j in UPPER)
 
-    def moved(self, way_m: float, turn_rad: float, wheels: Wheels, *, touches: bool = False) -> Belief:
+    def moved(self, way_m: float, turn_rad: float, wheels: OdometryErrors, *, touches: bool = False) -> Belief:
         """Return the belief after odometry; arguments as in the function `moved`."""
         return Belief(*moved(self.mean, self.spread, float(way_m), float(turn_rad), touches, wheels))
 
-    def driven(self, before: Pose, after: Pose, wheels: Wheels, *, touches: bool = False) -> Belief:
+    def driven(self, before: Pose, after: Pose, wheels: OdometryErrors, *, touches: bool = False) -> Belief:
         """Return the belief after odometry has moved between two poses of its own frame; `touches` as in `moved`."""
         return Belief(*_driven(self.mean, self.spread, before, after, touches, wheels))
 

@@ -17,7 +17,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.config.parameter import made_once
 from phalanx.mission.angles import sin_cos, wrap_rad
 from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, number_or_nan
-from phalanx.mission.pose.belief import Belief, Wheels
+from phalanx.mission.pose.belief import Belief, OdometryErrors
 from phalanx.mission.pose.spread import Sight, Sighting, corrected, misfit, place_deviations, pose_spread, with_floor
 
 from .chart import Chart, max_misfit, rotation_between
@@ -54,9 +54,9 @@ def sight_of(config: MissionConfig) -> Sight:
 
 
 @made_once
-def odometry_errors_of(config: MissionConfig) -> Wheels:
+def odometry_errors_of(config: MissionConfig) -> OdometryErrors:
     """Return the standard deviations of odometry errors."""
-    return Wheels(
+    return OdometryErrors(
         config.odometry_way,
         config.odometry_turn,
         math.radians(config.odometry_curve_deg),
