@@ -270,7 +270,7 @@ class Heard:
     def is_busy(self) -> bool:
         return False
 
-    def is_deaf(self, _robot: int) -> bool:
+    def is_permanently_stopped(self, _robot: int) -> bool:
         return False
 
     def say(self, packet: bytes, robot: int) -> None:

@@ -171,7 +171,7 @@ class RobotSwarm(Ordered):
         """See `phalanx.robot.station.Air`."""
         return False
 
-    def is_deaf(self, robot: int) -> bool:
+    def is_permanently_stopped(self, robot: int) -> bool:
         """See `phalanx.robot.station.Air`: a robot's claims are no proof."""
         return robot not in self._at
 

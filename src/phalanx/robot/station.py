@@ -40,7 +40,7 @@ class Air(Protocol):
     def is_busy(self) -> bool:
         """Return whether the last packet is still waiting to be sent."""
 
-    def is_deaf(self, robot: int) -> bool:
+    def is_permanently_stopped(self, robot: int) -> bool:
         """Return whether the robot is known to be stopped permanently."""
 
     def say(self, packet: bytes, robot: int) -> None:
@@ -131,7 +131,7 @@ class Station:
 
     def _send_order(self, air: Air, now_s: float, said_ms: int) -> None:
         for robot, kind in list(self._waiting):
-            if air.is_deaf(robot):
+            if air.is_permanently_stopped(robot):
                 del self._waiting[robot, kind]
             # While `go` is being broadcast, robots that have not received it would ignore orders to move.
             elif now_s >= self._may_order_at_s.get(robot, 0.0) and not (kind == MOTION and self._at_once):

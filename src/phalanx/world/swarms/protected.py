@@ -109,7 +109,7 @@ class StationAir:
         """See `phalanx.robot.station.Air`."""
         return bool(self._world.air.nic[self._row].long_used)
 
-    def is_deaf(self, robot: int) -> bool:
+    def is_permanently_stopped(self, robot: int) -> bool:
         """See `phalanx.robot.station.Air`."""
         return bool(self._world.safe[robot - 1])
 
