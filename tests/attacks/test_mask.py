@@ -179,11 +179,11 @@ def test_it_repeats_seek_at_random_times_until_it_has_its_tokens():
         robot.senses(BOOT_MS + k)
         robot.now_ms = at_ms = robot.round_due(listened=False)[1].at_ms
         robot.round_due(listened=True)
-        said_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if seeks_now(robot, now_ms)]
-        gaps_ms = np.diff([at_ms, *said_ms])
+        order_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if seeks_now(robot, now_ms)]
+        gaps_ms = np.diff([at_ms, *order_ms])
         assert (gaps_ms >= ROUND_MS // 32).all(), "nobody answers"
         assert (gaps_ms <= ROUND_MS // 16 + 10).all()
-        moments |= {at_ms, *said_ms}
+        moments |= {at_ms, *order_ms}
         robot.robot.got = robot.config.f_max + 1
         assert not sent(robot.event(handlers.on_retry, at_ms + 10 * ROUND_MS, 0))
     assert len(moments) > 30, "another s-chain, other moments"
