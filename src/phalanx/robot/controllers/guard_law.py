@@ -133,7 +133,7 @@ def rest_s(params: Params, speed: float) -> float:
 
 
 @kernel
-def held_mps(params: Params, ax: float, ay: float) -> float:
+def late_mps(params: Params, ax: float, ay: float) -> float:
     """Return the velocity that a command adds during the delay of the next one."""
     return float(math.sqrt(ax * ax + ay * ay) * params[LATE_S])
 
@@ -141,7 +141,7 @@ def held_mps(params: Params, ax: float, ay: float) -> float:
 @kernel
 def off_mps(params: Params, now: Motion, ax: float, ay: float) -> float:
     """Return the largest velocity error due to timing: late commands and brakes, and a next reading early or late."""
-    return held_mps(params, ax - now[4], ay - now[5]) + 3.0 * held_mps(params, ax, ay)
+    return late_mps(params, ax - now[4], ay - now[5]) + 3.0 * late_mps(params, ax, ay)
 
 
 @kernel

@@ -257,7 +257,7 @@ def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: f
     x, y, vx, vy = now[0], now[1], now[2], now[3]
     period = params[guard_law.PERIOD_S]
     then = (vx + period * ax, vy + period * ay)
-    off, rests = guard_law.off_mps(params, now, ax, ay), guard_law.held_mps(params, ax, ay)
+    off, rests = guard_law.off_mps(params, now, ax, ay), guard_law.late_mps(params, ax, ay)
     if not promises.keeps_promises(params, t_ms, state, then, off, rests):
         return False
     if not guard_law.clear_of_walls(params, now, ax, ay):
@@ -295,7 +295,7 @@ def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> t
     if alone:
         return speed, 0.0
     g, v = (share * gx, share * gy), (now[2], now[3])
-    late = guard_law.held_mps(
+    late = guard_law.late_mps(
         params, now[4], now[5]
     )  # braking changes only the length of the velocity, except for this
     for _ in range(2):
