@@ -14,7 +14,7 @@ from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.robot.actions import Action
 from phalanx.robot.adversary.attack import Scene
 from phalanx.robot.adversary.liar import MOTION, Liar
-from phalanx.robot.controllers.peer_bodies import BEHIND_T, fields_of
+from phalanx.robot.controllers.peer_bodies import FIRST_VALUE, fields_of
 from phalanx.robot.controllers.peers import PeerController
 from phalanx.wire.fields import put_u32, row
 from phalanx.wire.protocols import SEEN, SIGHTING
@@ -183,7 +183,7 @@ class ShowThing(Liar):
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
         if said := fields_of(SIGHTING, packet):
-            self._number = said[BEHIND_T]
+            self._number = said[FIRST_VALUE]
         return super().on_packet(now_ms, packet)
 
     def read(self, now_ms: int, reading: bytes) -> bytes:

@@ -14,7 +14,7 @@ from typing import ClassVar
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, NOWHERE, PEER, PEER_MEMORY
 from phalanx.wire.record import MalformedRecord
 
-from .peer_bodies import BEHIND_T, ID, DrivenWheels, PeerBody, fields_of, is_fine
+from .peer_bodies import FIRST_VALUE, ID, DrivenWheels, PeerBody, fields_of, is_fine
 from .protocol import Point, Task
 from .python_controller import Controller, Output, Send
 
@@ -85,7 +85,7 @@ class PeerController(Controller, ABC):
         """Store a message of another robot of the mission; pass anything else to the body."""
         if (claim := fields_of(CLAIM, packet)) and (other := self.others.get(claim[ID])):
             before_ms, other.heard_ms = other.heard_ms, t_ms
-            other.here, other.holds, other.wants = claim[BEHIND_T:]
+            other.here, other.holds, other.wants = claim[FIRST_VALUE:]
             self.told(claim[ID], t_ms, before_ms)
         elif position := self.body.position_in(packet):
             if other := self.others.get(position[0]):
