@@ -37,7 +37,7 @@ def is_hello(sealed):
 
 
 class SealedNodes:
-    """The two trusted nodes of a robot, in C, its radio sealed: an `Elsewhere` in this process."""
+    """The two trusted nodes of a robot, in C, its radio sealed: an `RemoteNodes` in this process."""
 
     def __init__(self, rob_id, limits, now_ms):
         self.snode, self.anode, self.seals = (FFI.new(f"phx_{each} *") for each in ("snode", "anode", "seals"))

@@ -9,7 +9,7 @@ from collections import Counter, deque
 from dataclasses import replace
 from typing import Any
 
-from phalanx.bti.elsewhere import Elsewhere
+from phalanx.bti.elsewhere import RemoteNodes
 from phalanx.bti.nodes import limits_of
 from phalanx.bti.trusted import REASONS
 from phalanx.errors import UsageError
@@ -35,7 +35,7 @@ def with_room_for_seals(scenario: Scenario) -> Scenario:
 class SealedAir:
     """The radio and the nodes of a c-node, which itself handles packets without seals."""
 
-    def __init__(self, node: Elsewhere, radio: Radio) -> None:
+    def __init__(self, node: RemoteNodes, radio: Radio) -> None:
         self._node, self._radio = node, radio
         self._sent_seals: deque[tuple[bytes, bytes]] = deque(maxlen=WAITING)  # packet, seal
         self._received = b"", b""  # the packet received last, and its seal
@@ -47,7 +47,7 @@ class SealedAir:
         return {**self._radio.refused, **self._refused}
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """See `Elsewhere`: packets go in and out without seals."""
+        """See `RemoteNodes`: packets go in and out without seals."""
         if call is lines.RECV:
             packet, (received, seal) = arguments["packet"], self._received
             code, result = self._node.ask(call, now_ms, packet=packet + seal if packet == received else packet)

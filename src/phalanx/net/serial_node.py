@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from phalanx.bti import trusted
-from phalanx.bti.elsewhere import FORWARDED, made_by
+from phalanx.bti.elsewhere import FORWARDED, output_size
 from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import PeerError, Unavailable
 from phalanx.wire import Record, lines
@@ -85,7 +85,7 @@ class SerialNode:
         self._seal_bytes = SEAL_BYTES if self.about.sealed else {}
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """See `elsewhere.Elsewhere`."""
+        """See `elsewhere.RemoteNodes`."""
         if now_ms is not None and now_ms != self._now_ms and self.about.told_clock:
             code, _ = self._call(lines.CLOCK, t=now_ms)
             if code:
@@ -95,7 +95,7 @@ class SerialNode:
             # Truncated: the board refuses this length just as a greater one.
             arguments = {name: data[: PACKET_MAX + 1] for name, data in arguments.items()}
         code, result = self._call(call, **arguments)
-        wanted = made_by(call, **arguments) + self._seal_bytes.get(call, 0) if code >= 0 else 0
+        wanted = output_size(call, **arguments) + self._seal_bytes.get(call, 0) if code >= 0 else 0
         known = code in trusted.REASONS or code in (DONE, SAFE) or (call in FORWARDED and code == wanted)
         if not known or len(result) != wanted:
             raise self._end(f"{self._line.where} answered {call.name} with {len(result)} bytes and code {code}")
