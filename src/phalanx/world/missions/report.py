@@ -99,7 +99,7 @@ class TimedController(MissionController):
         return walk, outcome
 
 
-class Logbook:
+class ReportRecorder:
     """Recorder of a robot's report; the run's seed and the robot's number determine its random draws."""
 
     def __init__(self, number: int, body: MissionBody, controller: TimedController, *, keep_trace: bool) -> None:
