@@ -124,7 +124,7 @@ def in_range(reach: Reach, i: int) -> int:
         k = int(reach.maybe[at])
         dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
         square = dx * dx + dy * dy
-        if square <= limit and not walled(reach, i, k):
+        if square <= limit and not in_different_aisles(reach, i, k):
             reach.ids[end] = k
             reach.square[end] = square
             end += 1
@@ -219,7 +219,7 @@ def _put_in_order(reach: Reach, begin: int, end: int, k: int) -> None:
 
 
 @kernel
-def walled(reach: Reach, i: int, k: int) -> bool:
+def in_different_aisles(reach: Reach, i: int, k: int) -> bool:
     """Return whether two robots are in different aisles."""
     return bool(reach.aisle[i] != reach.aisle[k] and reach.aisle[i] != 0 and reach.aisle[k] != 0)
 
