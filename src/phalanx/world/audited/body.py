@@ -190,7 +190,7 @@ def robot_contacts(pos: F64x2, last: F64x2, reach: Reach, contact_m: float) -> i
         if reach.least_m[i] > far + reach.skin_m:  # since the rebuild two robots have approached by at most the skin
             continue
         for at in range(reach.near[i], reach.near[i + 1]):
-            k = int(reach.maybe[at])
+            k = int(reach.candidate_ids[at])
             x, y = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
             if k < i or x * x + y * y > beyond or in_different_aisles(reach, i, k):
                 continue

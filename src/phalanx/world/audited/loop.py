@@ -290,7 +290,7 @@ def move(world: World) -> None:
     clock = world.clock[0]
     for i in range(len(world.fleet.robot)):
         body.advance(world, i)
-    if rebuild(world.reach, world.pos) > len(world.reach.maybe):
+    if rebuild(world.reach, world.pos) > len(world.reach.candidate_ids):
         clock.crowded = 1
     clock.contacts += body.robot_contacts(world.pos, world.last, world.reach, clock.contact_m)
     clock.contacts += body.obstacle_contacts(world.pos, world.last, world.discs, world.boxes, clock.contact_m)

@@ -44,8 +44,8 @@ class Reach(NamedTuple):
     first: I32x1  # (power of two ≥ N,), first robot of each bucket of cells
     after: I32x1  # (N,), next robot of the same bucket
     sorted_at: F64x2  # (N, 2), positions when candidates were collected, NaN before
-    near: I64x1  # (N + 1,), candidates of robot i are maybe[near[i]:near[i + 1]]
-    maybe: I32x1  # (room,)
+    near: I64x1  # (N + 1,), candidates of robot i are candidate_ids[near[i]:near[i + 1]]
+    candidate_ids: I32x1  # (room,)
     least_m: F64x1  # (N,), distance of the nearest candidate then; infinite without candidates
     aisle: I32x1  # (N,), 0 is the hub; robots in different aisles are never in range of each other
 
@@ -82,7 +82,7 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
         after=np.zeros(robots, np.int32),
         sorted_at=np.full((robots, 2), np.nan),
         near=np.zeros(robots + 1, np.int64),
-        maybe=np.zeros(room, np.int32),
+        candidate_ids=np.zeros(room, np.int32),
         least_m=np.zeros(robots),
         aisle=np.zeros(robots, np.int32),
     )
@@ -98,13 +98,13 @@ def set_aisles(reach: Reach, hub: int, robots: int) -> None:
 def rebuild(reach: Reach, pos: F64x2) -> int:
     """Set the positions that the lists are for. Returns: the number of candidates of all robots together.
 
-    If that number exceeds `len(reach.maybe)` the lists are truncated (the last robots lack neighbours): make
+    If that number exceeds `len(reach.candidate_ids)` the lists are truncated (the last robots lack neighbours): make
     a larger Reach, and rebuild. `pos`: (N, 2), metres, finite.
     """
     found = reach.near[len(pos)]
     if _has_moved(reach, pos):
         found = _sort(reach, pos, reach.range_m + reach.skin_m)
-        if found > len(reach.maybe):  # too crowded: there may be room without the skin
+        if found > len(reach.candidate_ids):  # too crowded: there may be room without the skin
             found = _sort(reach, pos, reach.range_m)
             reach.sorted_at[:] = np.nan
     for i in range(len(pos)):
@@ -121,7 +121,7 @@ def in_range(reach: Reach, i: int) -> int:
     pos, end = reach.at, reach.near[i]
     limit = reach.range_m * reach.range_m
     for at in range(reach.near[i], reach.near[i + 1]):
-        k = int(reach.maybe[at])
+        k = int(reach.candidate_ids[at])
         dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
         square = dx * dx + dy * dy
         if square <= limit and not in_different_aisles(reach, i, k):
@@ -189,7 +189,7 @@ def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
     total = 0
     limit = width_m * width
     for i in range(count):
-        reach.near[i] = min(total, len(reach.maybe))
+        reach.near[i] = min(total, len(reach.candidate_ids))
         least = math.inf
         for nth in range(9):
             x, y = reach.cell[i, 0] + nth // 3 - 1, reach.cell[i, 1] + nth % 3 - 1
@@ -201,21 +201,21 @@ def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
                 square = dx * dx + dy * dy
                 if here and k != i and square <= limit:
                     least = min(least, square)
-                    if total < len(reach.maybe):
+                    if total < len(reach.candidate_ids):
                         _put_in_order(reach, reach.near[i], total, k)
                     total += 1
                 k = int(reach.after[k])
         reach.least_m[i] = math.sqrt(least)
-    reach.near[count] = min(total, len(reach.maybe))
+    reach.near[count] = min(total, len(reach.candidate_ids))
     return total
 
 
 @kernel
 def _put_in_order(reach: Reach, begin: int, end: int, k: int) -> None:
-    while end > begin and reach.maybe[end - 1] > k:
-        reach.maybe[end] = reach.maybe[end - 1]
+    while end > begin and reach.candidate_ids[end - 1] > k:
+        reach.candidate_ids[end] = reach.candidate_ids[end - 1]
         end -= 1
-    reach.maybe[end] = k
+    reach.candidate_ids[end] = k
 
 
 @kernel

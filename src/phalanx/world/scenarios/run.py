@@ -162,7 +162,7 @@ class Run:
         assert refused(self.world.queue) == 0, "the event queue overflowed"
         if self.world.clock[0].crowded:
             raise UsageError(
-                f"too crowded: more than {len(self.world.reach.maybe) // len(self.ids)} in range of each",
+                f"too crowded: more than {len(self.world.reach.candidate_ids) // len(self.ids)} in range of each",
                 "use a wider spacing, fewer robots, or a greater n_max",
             )
         self._wall_s += time.perf_counter() - began
