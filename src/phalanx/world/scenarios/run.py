@@ -98,7 +98,7 @@ class Run:
             self.world = make_world(setup, chance)
         except MemoryError as error:
             raise Unavailable(f"{n} robots do not fit into memory", "use fewer robots, or a smaller n_max") from error
-        self.looks: pybot.Looks | None = self.stage
+        self.looks: pybot.ExtraSensors | None = self.stage
         self.sense(getattr(controller, "senses", None))
         self._verdicts = VerdictReader(self.world)
         self._wall_s = 0.0

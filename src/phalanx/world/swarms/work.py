@@ -23,7 +23,7 @@ from phalanx.robot.controllers.protocol import Point, Stage, Task, find_protocol
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.swarm import Done
 from phalanx.wire.table import WHEELS_SENSOR
-from phalanx.world.audited.pybot import Looks
+from phalanx.world.audited.pybot import ExtraSensors
 
 from .dotbots import AREA_MM
 
@@ -92,7 +92,7 @@ class NearLooks:
         self._stage, self._at_m = stage, dict(enumerate(starts_m, 1))
 
     def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
-        """See `Looks`."""
+        """See `ExtraSensors`."""
         self._at_m[rob_id] = place_m
         others = [at_m for other, at_m in self._at_m.items() if other != rob_id]
         return self._stage.look(rob_id, t_s, place_m, lies=lies) + encode_near(place_m, others)
@@ -137,7 +137,7 @@ class Work:
         self.protocol = protocol
         self.make_controller = found.maker(task)
         self.stage = found.stage(task)
-        self.looks: Looks = NearLooks(self.stage, task.starts_m) if keeps_apart else self.stage
+        self.looks: ExtraSensors = NearLooks(self.stage, task.starts_m) if keeps_apart else self.stage
         self.bti = replace(
             bti,
             state_bytes=len(self.make_controller(1).encode()) + CAPACITY_BYTES - ROUTE,
