@@ -180,7 +180,7 @@ class DiffDrive:
     def step(self, left_mps: float, right_mps: float, dt_s: float) -> tuple[float, float]:
         """Drive for `dt_s`; a wall stops the robot but not its turn. Return the wheels' motion (distance, turn)."""
         speeds = float(left_mps), float(right_mps)
-        self.pose, motion = stepped(self.pose, speeds, float(dt_s), self.body, self._plan.walls)
+        self.pose, motion = driven_step(self.pose, speeds, float(dt_s), self.body, self._plan.walls)
         return motion
 
 
@@ -194,7 +194,7 @@ def wheels_of(speed_mps: float, turn_radps: float, body: Body) -> tuple[float, f
 
 
 @kernel
-def stepped(
+def driven_step(
     pose: Pose, speeds_mps: tuple[float, float], dt_s: float, body: Body, walls: F64x2
 ) -> tuple[Pose, tuple[float, float]]:
     """Return the pose and the wheels' motion as `DiffDrive.step` does."""
