@@ -17,7 +17,7 @@ from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, find_planner, is_file, mistakes_in
 from phalanx.scenarios.scenario import PROTOCOLS, WHEELS, Scenario
-from phalanx.world.scenarios.cautions import cautions
+from phalanx.world.scenarios.cautions import audit_warnings
 from phalanx.world.scenarios.play import play
 from phalanx.world.scenarios.run import Run
 
@@ -145,7 +145,7 @@ def _written(record: Path | None) -> int:
 
 def warn(scenario: Scenario) -> None:
     """Print a warning on stderr for each setting with which the scenario is likely to fail."""
-    for words in cautions(scenario):
+    for words in audit_warnings(scenario):
         click.echo(f"phalanx: warning: {words}", err=True)
 
 

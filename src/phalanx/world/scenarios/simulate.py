@@ -27,7 +27,7 @@ from phalanx.scenarios.own import find_attacks, find_controller, find_planner
 from phalanx.scenarios.scenario import Scenario
 from phalanx.world.audited.world import VerdictReader
 
-from .cautions import cautions
+from .cautions import audit_warnings
 from .play import STEP_S, play
 from .result import VERDICT, Result
 from .run import Run
@@ -103,7 +103,7 @@ def simulate(
         raise UsageError(f"one file {record} for {len(numbers)} runs", "use a name with {seed} in it")
     if isinstance(controller, str):
         chosen, controller = find_controller(controller, chosen)
-    for caution in cautions(chosen):
+    for caution in audit_warnings(chosen):
         warnings.warn(caution, stacklevel=2)
     advises = find_planner(planner)
     job = _Job(chosen, controller, advises, numbers, float(every_s), None if record is None else str(record))
