@@ -189,7 +189,7 @@ def test_what_is_longer_than_a_page_keeps_says_so(seen, tmp_path, monkeypatch, c
     path = written(tmp_path / "x.mcap", frame(0, "robot-1", 1, 2, 0), frame(0, "robot-2-believes", 1, 2, 0), t_ns=NS)
     assert lines_of(path) == [{"t": 1.0, "at": [[1, 1000, 2000, 0]], "lies": []}]
     assert not caplog.text
-    monkeypatch.setattr(scenes, "MOST_TOLD", 100)
+    monkeypatch.setattr(scenes, "MOST_VALUES", 100)
     assert 1 < len(lines_of(seen[0])) < 10
     assert "the end is not shown" in caplog.text
 

@@ -20,7 +20,7 @@ from phalanx.recording.recorded import is_recording
 from phalanx.scenarios.own import mistakes_in
 from phalanx.world.scenarios.play import STEP_S, play
 from phalanx.world.scenarios.run import Run
-from phalanx.world.scenarios.scenes import MOST_TOLD, Live, lines_of
+from phalanx.world.scenarios.scenes import MOST_VALUES, Live, lines_of
 
 from .run import run
 from .sim import Chosen, choose, progress, warn
@@ -38,7 +38,7 @@ def view(source: str, port: int, **options: Any) -> int:
         warn(chosen.scenario)
         each = 2 + chosen.scenario.bti.tokens_needed
         seen = each * chosen.scenario.robots * chosen.scenario.duration_s / STEP_S
-        if seen > MOST_TOLD:
+        if seen > MOST_VALUES:
             count = chosen.scenario.robots
             raise UsageError(f"{count} robots for so long exceed the page's memory", "use a shorter --duration")
         run(_served(port, lambda put, check: _live(chosen, put, check)))
