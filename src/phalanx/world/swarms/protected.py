@@ -52,7 +52,7 @@ EDGE_MM = 200.0
 APART_MM = 200.0
 TRIES = 64
 # Attack offered first to operators, because its effect is obvious.
-PLAIN_TO_SEE = "hijack"
+FIRST_CHOICE = "hijack"
 FULL_TURN_DEG = 360.0
 # Separates the random stream of the station's keys from others of the same seed.
 STATION = 0x0DE5
@@ -284,7 +284,7 @@ class ProtectedSwarm(Ordered):
 
     def things(self) -> Sequence[Point]:
         """Return the places of the work's objects in the area."""
-        return [Point(x * 1000, y * 1000) for x, y in self._work.things_m(self._now_s)] if self._work else ()
+        return [Point(x * 1000, y * 1000) for x, y in self._work.objects_m(self._now_s)] if self._work else ()
 
     # --- the shields --------------------------------------------------------------------------------------------------
 
@@ -322,7 +322,7 @@ class ProtectedSwarm(Ordered):
             for name, attack in attacks().items()
             if (attack.scene == "flock" and attack.on_wheels) or (attack.scene == "protocol" and attack.against == own)
         ]
-        return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
+        return sorted(choices, key=lambda choice: choice.name != FIRST_CHOICE)
 
     def compromise(self, address: str, attack: str) -> None:
         """Compromise a robot from now on."""

@@ -155,6 +155,6 @@ class Work:
         stage, score = self.stage, self.stage.score_so_far(())
         return Done(name=self.protocol, score=score, counts=stage.counts, lately_s=max(1.0, now_s - stage.since_s))
 
-    def things_m(self, now_s: float) -> list[Point]:
+    def objects_m(self, now_s: float) -> list[Point]:
         """Return the positions of the work's objects in the area."""
         return [(x, y) for x, y in self.stage.things(now_s).values() if 0 <= x <= AREA_MM[0] / 1000 >= y >= 0]
