@@ -12,7 +12,7 @@ import click
 
 from phalanx.errors import PhalanxError, Unavailable
 from phalanx.lab.figures.plot import draw
-from phalanx.lab.sweep.dealing import deal_cases
+from phalanx.lab.sweep.dealing import cases_with_dask
 from phalanx.net.private_file import write_whole
 from phalanx.papers.figure import FIGURES, Figure
 from phalanx.papers.statement import Shown, compare, page, report
@@ -57,7 +57,7 @@ def reproduce(
 
 
 def _each_case(scheduler: str | None, workers: int | None) -> EachCase:
-    return deal_cases(scheduler, workers) if scheduler or workers else one_by_one
+    return cases_with_dask(scheduler, workers) if scheduler or workers else one_by_one
 
 
 def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: Path, as_json: bool) -> int:
