@@ -36,7 +36,7 @@ from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.world.audited.setup import POWER_UP_MS
 
-from .ether import RadioConditions, SimulatedAir
+from .ether import ArenaRadio, RadioConditions
 from .field import Field
 from .places import STATION, Changes, free_ports, write_arena_files
 
@@ -73,7 +73,7 @@ class Arena:
         ]
         # One more for a gateway, if the robots obey one.
         ports = free_ports(scenario.robots + (scenario.controller == WHEELS))
-        self._ether = SimulatedAir(
+        self._ether = ArenaRadio(
             self.field.world,
             scenario.radio,
             weather,
