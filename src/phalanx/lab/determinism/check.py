@@ -102,9 +102,9 @@ def check_controller(words: str, seed: int = 0) -> Report:
         (
             compare("same in all processes", ((_label(k), lives["live"]) for k, lives in enumerate(others, 1))),
             compare("same when not compiled", iter([("not compiled", plain["live"])])),
-            compare("same beside another", iter([("beside another robot's", first["live_beside"])])),
-            compare("same from checkpoints", iter([("gone on from it", first["live_on"])])),
-            compare("same over checkpoints", iter([("gone on from it", first["live_over"])])),
+            compare("same beside another", iter([("beside another robot's", first["run_with_other"])])),
+            compare("same from checkpoints", iter([("gone on from it", first["run_relayed"])])),
+            compare("same over checkpoints", iter([("gone on from it", first["run_in_turns"])])),
             Check("raises nothing", _first_of(calls, (raised for _, _, raised, _ in straight), "METHOD raises")),
             Check("only what robots take", _first_of(calls, (refused for *_, refused in straight), "refused")),
         ),

@@ -51,7 +51,7 @@ def live(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     return [_step(controller, call) for call in calls]
 
 
-def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+def run_with_other(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     """Run as in `live`, while another robot's controller in the same process receives the calls with a delay."""
     controller, other = make(rob_id), make(rob_id + 1)
     steps = []
@@ -61,12 +61,12 @@ def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     return steps
 
 
-def live_on(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+def run_relayed(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     """Run each call in a new controller that decodes the last encoding, as an auditor does."""
     return _relayed(calls, make(rob_id), lambda: make(rob_id))
 
 
-def live_over(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+def run_in_turns(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     """Run the calls in two controllers in turn: each decodes the other's encoding over its own old state."""
     first, second = make(rob_id), make(rob_id)
     turns = [second, first]
@@ -78,7 +78,7 @@ def live_over(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     return _relayed(calls, first, other)
 
 
-LIVES = {each.__name__: each for each in (live, live_beside, live_on, live_over)}
+LIVES = {each.__name__: each for each in (live, run_with_other, run_relayed, run_in_turns)}
 
 
 def _relayed(calls: list[Call], controller: Controller, following: Callable[[], Controller]) -> list[Step]:
