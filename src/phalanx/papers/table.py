@@ -209,7 +209,9 @@ def seed_of(case: str) -> int:
 EachCase = Callable[[Figure, Sequence[str], Callable[[float], None]], Iterable[tuple[str, Any]]]
 
 
-def one_by_one(figure: Figure, todo: Sequence[str], on_share: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
+def measure_serially(
+    figure: Figure, todo: Sequence[str], on_share: Callable[[float], None]
+) -> Iterator[tuple[str, Any]]:
     """Measure the cases in this process; an `EachCase`."""
     for case in todo:
         yield case, figure.body.measure_case(case, on_share)
@@ -220,7 +222,7 @@ def measure(
     figure: Figure,
     seeds: int,
     on_progress: Callable[[float, int], None] = lambda _done, _of: None,
-    each: EachCase = one_by_one,
+    each: EachCase = measure_serially,
 ) -> Path:
     """Measure all missing cases of a figure into its CSV in `folder`, and return the CSV's path.
 
