@@ -37,7 +37,7 @@ from .figure import Figure
 Rows = NDArray[np.float64]
 END = "# end "
 MOST_BYTES = 1 << 30
-ELSEWHERE = "use another folder with --out, or move the file away"
+OTHER_FOLDER_HINT = "use another folder with --out, or move the file away"
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,12 +142,12 @@ class TableFile:
             return
         self.table, whole = _parse(self.path, data, begin.figure)
         if self.table.columns != begin.columns:
-            raise UsageError(f"{self.path} has other columns", ELSEWHERE)
+            raise UsageError(f"{self.path} has other columns", OTHER_FOLDER_HINT)
         for name, ours in begin.origin.items():
             theirs = self.table.origin.get(name)
             if theirs != ours and name not in begin.free:
                 shown = f" {theirs}, this run has {ours}" if len(f"{theirs}{ours}") < 80 else " than this run"
-                raise UsageError(f"{self.path} was measured with another {name}:{shown}", ELSEWHERE)
+                raise UsageError(f"{self.path} was measured with another {name}:{shown}", OTHER_FOLDER_HINT)
         self._check(self.table)
         self.done = set(self.table.cases)
         self._truncate(whole)
@@ -257,7 +257,7 @@ def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
     try:
         table = _parse_head(lines, figure)
     except (ValueError, KeyError, IndexError, TypeError) as error:
-        raise UsageError(f"{path} is not a CSV of {figure or 'a figure'}", ELSEWHERE) from error
+        raise UsageError(f"{path} is not a CSV of {figure or 'a figure'}", OTHER_FOLDER_HINT) from error
     at = whole = len(lines[0]) + len(lines[1]) + 2
     rows: list[list[str]] = []
     for number, line in enumerate(lines[2:], start=3):
@@ -271,7 +271,7 @@ def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
             else:
                 _end_case(table, text, rows)
         except (ValueError, TypeError) as error:
-            raise UsageError(f"line {number} of {path} is malformed", ELSEWHERE) from error
+            raise UsageError(f"line {number} of {path} is malformed", OTHER_FOLDER_HINT) from error
         if table.by_line:
             table.lines.append((number, rows.pop()))
         if not rows:
