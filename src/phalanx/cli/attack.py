@@ -19,7 +19,7 @@ from phalanx.scenarios.own import find_attack, find_controller, is_file, mistake
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 
 from .mission.crack import span
-from .sim import TYPED, changed, named, progress, told, warn
+from .sim import TYPED, changed, format_number, named, progress, warn
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, stdout_to_stderr
 
 DURATION_S = 150.0  # as in the paper
@@ -114,7 +114,7 @@ def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: 
     if isinstance(trial, TeamTrial):
         print_rows(rows | _team(trial))
         return
-    harm = f"{told(trial.harm, '.3g')} {trial.harm_unit}".strip() + f": {trial.harm_words}"
+    harm = f"{format_number(trial.harm, '.3g')} {trial.harm_unit}".strip() + f": {trial.harm_words}"
     if trial.declared == "stopped":
         rows["harm until stopped"] = harm
     elif trial.declared == "not covered":
@@ -131,11 +131,11 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
     if goal_m:
         rows["swarm"] += f", goal ({goal_m[0]:g}, {goal_m[1]:g})"
         rows["distance to the goal"] = (
-            f"{told(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
-            f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack"
+            f"{format_number(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
+            f"{format_number(trial.honest_distance_m, '.1f', ' m')} without the attack"
         )
     for task, done in attacked.get("task", {}).items():
-        rows[task] = f"{told(done, 'g')}, {told(honest['task'][task], 'g')} without the attack"
+        rows[task] = f"{format_number(done, 'g')}, {format_number(honest['task'][task], 'g')} without the attack"
     rows |= {
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "stopped with a quorum": _wronged(trial),
@@ -159,7 +159,7 @@ def _ended(trial: FlockTrial, stop: Stop) -> str:
     began = "never deviated" if stop.first_deviation_s is None else f"deviated at {stop.first_deviation_s:.2f} s"
     if stop.safe_mode_s is None:
         return f"{began}, is not in Safe Mode"
-    bound = told(trial.bound_of(stop), ".3f", " s allowed")
+    bound = format_number(trial.bound_of(stop), ".3f", " s allowed")
     later = "" if stop.after_s is None else f", {stop.after_s:.2f} s later" + (f" ({bound})" if bound != "-" else "")
     return f"{began}, in Safe Mode at {stop.safe_mode_s:.2f} s{later}"
 

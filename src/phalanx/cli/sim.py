@@ -167,7 +167,7 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
     Robots that follow orders have no goal, and no sizes from which contacts could be counted.
     """
     is_driven = scenario.controller == WHEELS
-    to_goal = told(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots")
+    to_goal = format_number(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots")
     rows = {
         "scenario": f"{scenario.name}: {summary['robots']} robots, {summary['duration_s']:g} s, "
         f"defence {summary['defence']}, seed {summary['seed']}",
@@ -187,15 +187,15 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
             **summary["airtime_pct_per_robot"]
         ),
         "longest log": f"{summary['log_bytes_max']} B",
-        "delivered": f"{told(summary['broadcast_delivery'], '.4f')} of broadcasts, "
-        f"{told(summary['unicast_delivery'], '.4f')} of unicasts",
+        "delivered": f"{format_number(summary['broadcast_delivery'], '.4f')} of broadcasts, "
+        f"{format_number(summary['unicast_delivery'], '.4f')} of unicasts",
         "speed": _speed(summary["real_time_factor"]),
         "digest": summary["digest"] or "-",
     }
     print_rows(rows)
 
 
-def told(value: float | None, form: str, unit: str = "") -> str:
+def format_number(value: float | None, form: str, unit: str = "") -> str:
     """Format a number, or return a dash for None."""
     return "-" if value is None else f"{value:{form}}{unit}"
 
