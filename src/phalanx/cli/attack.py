@@ -19,7 +19,7 @@ from phalanx.scenarios.own import find_attack, find_controller, is_file, mistake
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 
 from .mission.crack import span
-from .sim import TYPED, changed, format_number, named, progress, warn
+from .sim import TYPED, changed, format_number, format_robots, progress, warn
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, stdout_to_stderr
 
 DURATION_S = 150.0  # as in the paper
@@ -139,7 +139,7 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
     rows |= {
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "stopped with a quorum": _wronged(trial),
-        "stopped, no quorum": named(attacked["without_quorum"]),
+        "stopped, no quorum": format_robots(attacked["without_quorum"]),
     }
     if trial.idle:
         rows["without effect"] = f"{', '.join(trial.idle)}: makes no difference under {trial.defence}"
@@ -149,7 +149,7 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
 
 
 def _wronged(trial: FlockTrial) -> str:
-    stopped = named(trial.attacked["correct_in_safe_mode"])
+    stopped = format_robots(trial.attacked["correct_in_safe_mode"])
     if trial.wronged is None:
         return f"{stopped}; no promise applies"
     return f"{stopped}: promise P2 is {'BROKEN' if trial.wronged else 'kept'}"

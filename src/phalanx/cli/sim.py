@@ -107,7 +107,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
         click.echo(f"recorded: {record}", err=True)
     wronged = summary["correct_in_safe_mode"]
     if wronged:
-        click.echo(f"phalanx: correct robots with a quorum were stopped: {named(wronged)}", err=True)
+        click.echo(f"phalanx: correct robots with a quorum were stopped: {format_robots(wronged)}", err=True)
         if chosen.is_own:
             click.echo(f"phalanx: hint: phalanx sim check {chosen.files[0]}", err=True)
     return int(bool(wronged))
@@ -177,8 +177,8 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
             for name, done in summary.get("task", {}).items()
         },
         "compromised": "; ".join(map(_liar, summary["compromised"])) or "none",
-        "stopped with a quorum": named(summary["correct_in_safe_mode"]),
-        "stopped, no quorum": named(summary["without_quorum"]),
+        "stopped with a quorum": format_robots(summary["correct_in_safe_mode"]),
+        "stopped, no quorum": format_robots(summary["without_quorum"]),
         **({} if is_driven else {"contacts": str(summary["contacts"])}),
         "sent": "{app:.0f} B/s per robot by the flock, {audit:.0f} by the audits, retries included".format(
             **summary["tried_bytes_per_s_per_robot"]
@@ -212,7 +212,7 @@ def _liar(liar: dict[str, Any]) -> str:
     return f"robot {liar['robot']} ({liar['attack']}) {deviated}, {ended}"
 
 
-def named(ids: Sequence[int]) -> str:
+def format_robots(ids: Sequence[int]) -> str:
     """Return robots by their ids, such as "robots 3, 5": a bare 3 could be taken for a count."""
     which = ", ".join(map(str, ids))
     return f"robot{'s' * (len(ids) > 1)} {which}" if which else "none"
