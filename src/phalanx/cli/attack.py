@@ -19,7 +19,7 @@ from phalanx.scenarios.own import find_attack, find_controller, is_file, mistake
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 
 from .mission.crack import span
-from .sim import TYPED, changed, format_number, format_robots, progress, warn
+from .sim import TYPED, apply_options, format_number, format_robots, print_cautions, progress
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, stdout_to_stderr
 
 DURATION_S = 150.0  # as in the paper
@@ -62,7 +62,7 @@ def _try_in_flock(
     protocol = first.attack.against or controller  # attacks on the flock have no `against`
     is_protocol = protocol in PROTOCOLS
     swarm = find_scenario(str(protocol)) if is_protocol else Scenario(name="attack", duration_s=DURATION_S)
-    scenario = changed(swarm, options, defence=defence)
+    scenario = apply_options(swarm, options, defence=defence)
     if first.at_s >= scenario.duration_s:
         raise UsageError(
             f"{first.name} begins at {first.at_s:g} s, when the run of {scenario.duration_s:g} s is over",
@@ -71,7 +71,7 @@ def _try_in_flock(
     others = first.attack.liars(scenario.bti.f_max) - 1
     scenario = replace(scenario, attacks=(first, *(replace(first, robot=None),) * others))
     scenario, own = find_controller(controller, scenario)
-    warn(scenario)
+    print_cautions(scenario)
     report = {which: progress(scenario.duration_s, f"{which}: ") for which in ("attacked", "honest")}
     try:
         unknown = own or is_protocol or is_file(scenario.controller)

@@ -35,7 +35,7 @@ TYPED = {
 }
 
 
-def changed(scenario: Scenario, options: dict[str, Any], **more: Any) -> Scenario:
+def apply_options(scenario: Scenario, options: dict[str, Any], **more: Any) -> Scenario:
     """Return the scenario, changed by `swarm_options`. Raises: UsageError: as for the scenario."""
     try:
         return scenario.with_options(**options, **more)
@@ -65,7 +65,7 @@ def choose(
     """Return the scenario, controller and planner that `chosen_options` name. Raises: UsageError, Unavailable."""
     with stdout_to_stderr():
         chosen_attacks = find_attacks(attacks) if attacks else None
-        wanted = changed(find_scenario(scenario), options, defence=defence, attacks=chosen_attacks)
+        wanted = apply_options(find_scenario(scenario), options, defence=defence, attacks=chosen_attacks)
         found, own = find_controller(controller, wanted)
         return Chosen(found, own, find_planner(planner), (controller, planner, *attacks))
 
@@ -76,7 +76,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
     lines = sys.stderr if as_json else sys.stdout  # before stdout is redirected for the controller
     before = _written(record)
     chosen = choose(scenario, **options)
-    warn(chosen.scenario)
+    print_cautions(chosen.scenario)
     tell = progress(chosen.scenario.duration_s) if traced is None else lambda _run: None
 
     def on_start(started: Run) -> None:
@@ -143,7 +143,7 @@ def _written(record: Path | None) -> int:
     return record.stat().st_mtime_ns if record and record.exists() else 0
 
 
-def warn(scenario: Scenario) -> None:
+def print_cautions(scenario: Scenario) -> None:
     """Print a warning on stderr for each setting with which the scenario is likely to fail."""
     for words in audit_warnings(scenario):
         click.echo(f"phalanx: warning: {words}", err=True)

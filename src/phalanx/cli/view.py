@@ -23,7 +23,7 @@ from phalanx.world.scenarios.run import Run
 from phalanx.world.scenarios.scenes import MOST_VALUES, Live, lines_of
 
 from .run import run
-from .sim import Chosen, choose, progress, warn
+from .sim import Chosen, choose, print_cautions, progress
 from .terminal import end_status_line, stdout_to_stderr, talk
 
 Put = Callable[[dict[str, Any] | None], None]
@@ -35,7 +35,7 @@ def view(source: str, port: int, **options: Any) -> int:
         raise UsageError("the page is not built", "run make setup")
     if not is_recording(Path(source)):
         chosen = choose(source, **options)
-        warn(chosen.scenario)
+        print_cautions(chosen.scenario)
         each = 2 + chosen.scenario.bti.tokens_needed
         seen = each * chosen.scenario.robots * chosen.scenario.duration_s / STEP_S
         if seen > MOST_VALUES:
