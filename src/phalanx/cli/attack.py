@@ -20,7 +20,7 @@ from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 
 from .mission.crack import span
 from .sim import TYPED, apply_options, format_number, format_robots, print_cautions, progress
-from .terminal import Progress, counted, end_status_line, print_json, print_rows, stdout_to_stderr
+from .terminal import Progress, count_of, end_status_line, print_json, print_rows, stdout_to_stderr
 
 DURATION_S = 150.0  # as in the paper
 
@@ -126,7 +126,7 @@ def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: 
 
 def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, str]:
     attacked, honest = trial.attacked, trial.honest
-    swarm = f"{counted(attacked['robots'], 'robot')}, {attacked['duration_s']:g} s, seed {attacked['seed']}"
+    swarm = f"{count_of(attacked['robots'], 'robot')}, {attacked['duration_s']:g} s, seed {attacked['seed']}"
     rows = {"swarm": swarm}
     if goal_m:
         rows["swarm"] += f", goal ({goal_m[0]:g}, {goal_m[1]:g})"

@@ -21,7 +21,7 @@ from phalanx.world.scenarios.cautions import audit_warnings
 from phalanx.world.scenarios.play import play
 from phalanx.world.scenarios.run import Run
 
-from .terminal import Progress, counted, end_status_line, print_json, print_rows, stdout_to_stderr, stopped
+from .terminal import Progress, count_of, end_status_line, print_json, print_rows, stdout_to_stderr, stopped
 
 # The options of scenario fields with another name.
 TYPED = {
@@ -154,7 +154,7 @@ def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:
     so_far = Progress()
 
     def tell(run: Run) -> None:
-        stopped = counted(int(run.in_safe_mode.sum()), "robot")
+        stopped = count_of(int(run.in_safe_mode.sum()), "robot")
         text = f"{label}{run.now_s:.0f} of {duration_s:g} s simulated, {stopped} in Safe Mode"
         so_far.tell(text, run.now_s / duration_s)
 

@@ -83,7 +83,7 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         click.echo("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
-def counted(count: int, what: str) -> str:
+def count_of(count: int, what: str) -> str:
     """Return `1 robot`, `2 robots`."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 

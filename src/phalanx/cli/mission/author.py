@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from phalanx.cli.credentials import read_signing_key, read_trusted
-from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, status_line, talk
+from phalanx.cli.terminal import Progress, count_of, end_status_line, print_json, status_line, talk
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
@@ -120,7 +120,7 @@ def explored(
         talk(f"{plan.name} has no start: {where}")
     plan = plan if begin is None else with_start(plan, begin)
     if plan.dust:
-        talk(f"{plan.name}: {counted(plan.dust, 'lone cell')} ignored as dust: robots avoid single cells")
+        talk(f"{plan.name}: {count_of(plan.dust, 'lone cell')} ignored as dust: robots avoid single cells")
     status_line(f"searching landmarks and paths: {len(plan.walls)} walls")
     try:
         return survey(plan, lidar=lidar), plan
