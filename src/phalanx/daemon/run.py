@@ -31,7 +31,7 @@ from .on_air import HostileRadio, RadioAttack
 from .sealed_air import SealedAir, may_send, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
-from .state import EVERY_S, state_of, tell
+from .state import EVERY_S, state_of, write_state
 from .trusted import NodeClock, check_may_have_key, connect_nodes, provision_keys, start
 
 log = logging.getLogger(__name__)
@@ -174,7 +174,7 @@ async def _live(
         life_task.cancel()
         await asyncio.gather(life_task, return_exceptions=True)
         with contextlib.suppress(Exception):
-            tell(state_file, state_of(life))
+            write_state(state_file, state_of(life))
 
 
 async def _publish_state(
@@ -186,7 +186,7 @@ async def _publish_state(
         if base:
             base.tell(state)
         try:
-            await asyncio.to_thread(tell, state_file, state)  # in a thread: a slow disk must not delay readings
+            await asyncio.to_thread(write_state, state_file, state)  # in a thread: a slow disk must not delay readings
             last_error = ""
         except Unavailable as error:  # continue with a full disk
             if str(error) != last_error:

@@ -71,12 +71,12 @@ def _ended(audits: tuple[int, int], now_ms: int) -> dict[str, Any]:
     return {"times": audits[0], "last_s_ago": (now_ms - audits[1]) / 1000}
 
 
-def tell(path: Path, state: dict[str, Any]) -> None:
+def write_state(path: Path, state: dict[str, Any]) -> None:
     """Write the state to the file. Raises: Unavailable: it cannot be written."""
     write_whole(path, json.dumps(state).encode() + b"\n", "use another folder", private=True)
 
 
-def told(path: Path) -> dict[str, Any]:
+def read_state(path: Path) -> dict[str, Any]:
     """Read the state that a robot published last. Raises: UsageError: there is none."""
     try:
         if not path.is_file():  # reading a pipe would block

@@ -25,7 +25,7 @@ from phalanx.daemon.far_planner import check_adviser, is_far
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.sealed_air import with_room_for_seals
 from phalanx.daemon.settings import RobotSettings
-from phalanx.daemon.state import told
+from phalanx.daemon.state import read_state
 from phalanx.daemon.trusted import program
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.net.children import die_with_parent
@@ -157,7 +157,7 @@ class Arena:
         states = {}
         for i, settings in enumerate(self.places.robots):
             with contextlib.suppress(UsageError):  # no state published yet
-                states[i] = told(settings.state_file)
+                states[i] = read_state(settings.state_file)
         return states
 
     def _record(self, states: dict[int, dict[str, Any]]) -> None:
