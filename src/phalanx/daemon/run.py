@@ -18,7 +18,7 @@ from phalanx.net.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.scenarios.behaviour import MakeController, driving, with_protocol, with_room
+from phalanx.scenarios.behaviour import MakeController, declaration_of, with_protocol, with_room
 from phalanx.scenarios.file import find_scenario, written_scenario
 from phalanx.scenarios.own import find_controller, find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
@@ -121,7 +121,7 @@ async def run_robot(
             log.warning("robot %d simulates an attack by its radio: %s", said.robot, on_air.name)
             radio = HostileRadio(radio, on_air, said.clock_speed)
         air = SealedAir(node, radio) if said.radio.sealed else None
-        declared = driving(scenario)
+        declared = declaration_of(scenario)
         base = make_base(said.robot, scenario, declared) if make_base else None
         hardware = base or make_driver(settings, declared)
         stack.callback(hardware.close)

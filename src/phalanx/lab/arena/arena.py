@@ -31,7 +31,7 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.net.children import die_with_parent
 from phalanx.net.keyring import Keys
 from phalanx.robot.planner import ToGoal
-from phalanx.scenarios.behaviour import adviser
+from phalanx.scenarios.behaviour import planner_factory
 from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.world.audited.setup import POWER_UP_MS
@@ -338,7 +338,7 @@ def play_in_arena(
     _check(scenario, weather)
     scenario = with_room_for_seals(scenario) if changes.sealed else scenario
     planner = None if is_far(changes.planner) else find_planner(changes.planner or None)
-    if adviser(scenario, changes.make, ToGoal if is_far(changes.planner) else planner):
+    if planner_factory(scenario, changes.make, ToGoal if is_far(changes.planner) else planner):
         check_adviser(scenario, is_far=is_far(changes.planner))
     program()
     arena = Arena(scenario, folder, weather, changes)

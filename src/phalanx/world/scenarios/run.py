@@ -21,11 +21,11 @@ from phalanx.robot.planner import MakePlanner, Planner
 from phalanx.robot.robot import Robot
 from phalanx.scenarios.behaviour import (
     MakeController,
-    adviser,
-    driving,
+    declaration_of,
     number_of,
     params_of,
     plan_of,
+    planner_factory,
     with_protocol,
     with_room,
 )
@@ -72,10 +72,10 @@ class Run:
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
-        bundled = driving(scenario)
+        bundled = declaration_of(scenario)
         if scenario.controller not in in_scenarios() and not self.has_station:
             raise UsageError(f"{scenario.controller} waits for orders, which scenarios lack", "use another controller")
-        make_planner = adviser(scenario, controller, planner)
+        make_planner = planner_factory(scenario, controller, planner)
         setup = Setup(
             robots=n,
             starts_m=np.array(scenario.starts_m, np.float64),
