@@ -100,7 +100,7 @@ class Odometry:
     def step(self, way_m: float, turn_rad: float) -> Pose:
         """Add a true motion along an arc; return the estimated pose."""
         self.draw()
-        self.pose, self.travelled_m = counted(
+        self.pose, self.travelled_m = odometry_after(
             self.pose, self.travelled_m, (float(way_m), float(turn_rad)), self.factors
         )
         return self.pose
@@ -111,7 +111,7 @@ class Odometry:
 
 
 @kernel
-def counted(
+def odometry_after(
     pose: Pose, travelled_m: float, motion: tuple[float, float], factors: tuple[float, float]
 ) -> tuple[Pose, float]:
     """Return the pose and the distance travelled by odometry after a true motion (distance, turn)."""

@@ -28,8 +28,8 @@ from phalanx.world.building.odometry import (
     Odometry,
     OdometryNoise,
     Pose,
-    counted,
     driven_step,
+    odometry_after,
     wheels_of,
 )
 from phalanx.world.building.walkers import Walkers
@@ -92,7 +92,7 @@ def _drive(
         if moves:
             speeds = wheels_of(moment.speed_mps, moment.turn_radps, body)
             at, motion = driven_step(at, speeds, dt_s, body, walls)
-            counts = counted(counts[0], counts[1], motion, factors)
+            counts = odometry_after(counts[0], counts[1], motion, factors)
         now_s = moment.end_s if dt_s < STEP_S else now_s + dt_s
         if moment.once:
             break
