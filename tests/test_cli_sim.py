@@ -23,7 +23,7 @@ from phalanx.config.builtin import built_in
 from phalanx.scenarios.attack_spec import parse_attack
 from phalanx.scenarios.file import find_scenario, scenario_schema
 from phalanx.scenarios.scenario import Scenario
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 
 QUICK = ("--duration", "3", "--robots", "6")
 KEYS = set(
@@ -103,7 +103,7 @@ class TestRun:
             seed=5,
             attacks=(parse_attack("hijack:robot=3,at=1"), parse_attack("crash:robot=4")),
         )
-        assert told["digest"] == play(scenario).summary()["digest"]
+        assert told["digest"] == run_scenario(scenario).summary()["digest"]
         assert [(liar["robot"], liar["attack"]) for liar in told["compromised"]] == [(3, "hijack"), (4, "crash")]
 
     def test_a_file_runs(self, said, tmp_path):

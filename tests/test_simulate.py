@@ -26,7 +26,7 @@ from phalanx.lab.tables import to_pandas, to_parquet
 from phalanx.scenarios.file import find_scenario
 from phalanx.world import AttackSpec, Result, Scenario, simulate
 from phalanx.world.scenarios.cautions import audit_warnings, neighbours_at_start
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 
 simulate_module = sys.modules[simulate.__module__]
@@ -356,5 +356,5 @@ class TestCautions:
             simulate(replace(SMALL, duration_s=1.0))
 
     def test_and_it_is_right(self):
-        stopped = play(Scenario(robots=3, duration_s=12.0)).summary()
+        stopped = run_scenario(Scenario(robots=3, duration_s=12.0)).summary()
         assert stopped["without_quorum"] == [1, 2, 3]

@@ -23,7 +23,7 @@ from phalanx.recording.recorded import Said
 from phalanx.recording.recorder import NS, TOPICS, frame
 from phalanx.world.audited.world import VerdictReader
 from phalanx.world.scenarios import scenes
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.scenes import Live, Scenes, lines_of
 from recorded_scenario import SCENARIO
 
@@ -41,7 +41,7 @@ def seen(tmp_path_factory):
         live.write(run, verdicts)
         steps.append((run.now_s, run.positions_m, run.in_safe_mode, run.shields(), verdicts))
 
-    play(SCENARIO, path, on_step)
+    run_scenario(SCENARIO, path, on_step)
     live.end()
     return path, lines, steps
 

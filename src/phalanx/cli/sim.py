@@ -18,7 +18,7 @@ from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, find_planner, is_file, mistakes_in
 from phalanx.scenarios.scenario import PROTOCOLS, WHEELS, Scenario
 from phalanx.world.scenarios.cautions import audit_warnings
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 
 from .terminal import Progress, count_of, end_status_line, print_json, print_rows, stdout_to_stderr, stopped
@@ -85,7 +85,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
 
     try:
         with stdout_to_stderr(), mistakes_in(*chosen.files):
-            ended = play(
+            ended = run_scenario(
                 chosen.scenario,
                 record,
                 tell,

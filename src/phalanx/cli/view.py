@@ -18,7 +18,7 @@ from phalanx.net.ports import LOOPBACK
 from phalanx.net.site import beside
 from phalanx.recording.recorded import is_recording
 from phalanx.scenarios.own import mistakes_in
-from phalanx.world.scenarios.play import STEP_S, play
+from phalanx.world.scenarios.play import STEP_S, run_scenario
 from phalanx.world.scenarios.run import Run
 from phalanx.world.scenarios.scenes import MOST_VALUES, Live, lines_of
 
@@ -60,7 +60,7 @@ def _live(chosen: Chosen, put: Put, check: Callable[[], None]) -> None:
         show_progress(run)
 
     with stdout_to_stderr(), mistakes_in(*chosen.files):
-        play(chosen.scenario, None, on_step, chosen.controller, planner=chosen.planner)
+        run_scenario(chosen.scenario, None, on_step, chosen.controller, planner=chosen.planner)
     live.end()
     put(None)
     end_status_line()

@@ -20,7 +20,7 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.papers.figure import Figure
 from phalanx.papers.table import EachCase, version
 from phalanx.scenarios.own import find_attacks, find_controller, mistakes_in
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 from phalanx.world.signals import handled_by
 
@@ -99,7 +99,7 @@ def run_job(job: Job) -> dict[str, Any]:
         if job.attack:
             scenario = scenario.with_options(attacks=find_attacks([job.attack]))
         begun_s = time.thread_time()
-        run = play(scenario, controller=own)
+        run = run_scenario(scenario, controller=own)
         return outcome(run.summary(), time.thread_time() - begun_s)
 
 

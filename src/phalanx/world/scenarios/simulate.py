@@ -28,7 +28,7 @@ from phalanx.scenarios.scenario import Scenario
 from phalanx.world.audited.world import VerdictReader
 
 from .cautions import audit_warnings
-from .play import STEP_S, play
+from .play import STEP_S, run_scenario
 from .result import VERDICT, Result
 from .run import Run
 
@@ -164,7 +164,7 @@ def _one(job: _Job, seed: int, on_share: Callable[[float], None]) -> dict[str, A
         on_share(run.now_s / scenario.duration_s)
 
     record = Path(job.record.replace("{seed}", str(seed))) if job.record else None
-    run = play(scenario, record, on_step, job.controller, job.every_s / apart, planner=job.planner)
+    run = run_scenario(scenario, record, on_step, job.controller, job.every_s / apart, planner=job.planner)
     liars = np.isin(run.ids, list(run.compromised))
     arrays = {name: np.stack(values) for name, values in seen.items()}
     return arrays | {"compromised": liars, "verdicts": np.array(verdicts, VERDICT), "summary": run.summary()}
