@@ -65,7 +65,7 @@ class ReorderEntries(DropEntries):
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         while self._held and self._held[0][0] + BELIEVED_AFTER_MS <= now_ms:
-            self.believe(*self._held[0])
+            self.accept_packet_at(*self._held[0])
             self._held = self._held[1:]
         return super().sensed(now_ms, reading)
 
@@ -79,7 +79,7 @@ class InsertEntries(Liar):
             _, _, _, x_m, y_m, vx_mps, vy_mps = MOTION.unpack_from(reading)
             nobody = max(self.plan.ids) + 1
             state = MOTION.pack(KIND_STATE, nobody, now_ms, x_m + 3.0, y_m, vx_mps - 5.0, vy_mps)
-            self.believe(now_ms, state)
+            self.accept_packet_at(now_ms, state)
         return super().sensed(now_ms, reading)
 
 
@@ -271,7 +271,7 @@ class Interleave(Liar):
                 n = self.chain(INPUT, now_ms, reading)
                 if n > 0:
                     self._stock += (self.w.entry[:n].tobytes(),)
-            self.deviates(now_ms)
+            self.record_deviation(now_ms)
         return actions
 
     def round_due(self, now_ms: int) -> list[Action]:
