@@ -221,7 +221,7 @@ class RobotSwarm(Ordered):
         self._first_at_s.setdefault(robot, time.monotonic())
         each = self._members[i]
         each.led = Led(state["red"], state["green"], state["blue"])
-        each.went(x_mm, y_mm, HISTORY_STEP_MM)
+        each.append_position(x_mm, y_mm, HISTORY_STEP_MM)
         if each.route:
             last = each.route[-1]
             if (last.x_mm - x_mm) ** 2 + (last.y_mm - y_mm) ** 2 <= each.threshold_mm**2:

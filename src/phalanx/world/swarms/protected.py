@@ -255,7 +255,7 @@ class ProtectedSwarm(Ordered):
         self._battery_mv = np.where(drained <= BATTERY_EMPTY_MV, BATTERY_FULL_MV, drained)
         for i in np.flatnonzero(effort > 0).tolist():
             x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
-            self._members[i].went(x_mm, y_mm, HISTORY_STEP_MM)
+            self._members[i].append_position(x_mm, y_mm, HISTORY_STEP_MM)
         for i, each in enumerate(self._members):
             state, ordered = self.world.fleet.state[i], self._station.told(i + 1)
             # The robot has received its last order, and has no route left.
