@@ -26,7 +26,7 @@ from phalanx.daemon.proofs import check_proofs, unsealed
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
 from phalanx.daemon.trusted import connect_nodes, provision_keys, start
-from phalanx.net.keyring import create, opened
+from phalanx.net.keyring import create, open_keyring
 from phalanx.net.mission_key import issued, read_board, read_mission_key
 from phalanx.wire import guarded
 from phalanx.wire.table import ACCELERATION, ENTRY_ACMD
@@ -286,7 +286,7 @@ def test_a_robots_nodes_are_given_their_master_key_over_their_line_and_once(tmp_
     assert run_command(command) == 2
     assert "got its master key" in capsys.readouterr().err
     path.write_text(json.dumps(said))
-    with opened(ring, "some words that nobody guesses") as keys:
+    with open_keyring(ring, "some words that nobody guesses") as keys:
         number, sealed = keys.issue()
     (tmp_path / "key.json").write_bytes(issued(number, sealed, {}))
     settings = read_robot(path)

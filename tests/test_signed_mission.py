@@ -17,7 +17,7 @@ from phalanx.daemon.sealed_air import with_room_for_seals
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.signed_mission import digest_of, sign_mission
 from phalanx.errors import UsageError
-from phalanx.net.keyring import create, opened
+from phalanx.net.keyring import create, open_keyring
 from phalanx.net.mission_key import issued
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import parse_scenario, written_scenario
@@ -122,7 +122,7 @@ def test_keys_issue_signs_it_and_export_gives_what_checks_it(tmp_path, capsys):
     ring, words, out, checks = (tmp_path / name for name in ("lab.keys", "words", "mission.json", "missions.pem"))
     words.write_text(WORDS)
     create(ring, "lab", WORDS)
-    with opened(ring, WORDS) as keys:
+    with open_keyring(ring, WORDS) as keys:
         keys.provision(2, "2026-01-01")
     (tmp_path / "mission.yaml").write_text(TEXT)
     said = ["--passphrase-file", str(words)]

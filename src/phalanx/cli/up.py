@@ -28,7 +28,7 @@ from phalanx.gateway.up import UpOptions
 from phalanx.gateway.up import up as run_gateway
 from phalanx.mission import BuildOptions, build
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.net.keyring import opened
+from phalanx.net.keyring import open_keyring
 from phalanx.robot import Swarm
 from phalanx.world.building.floorplan import DEFAULT, load_floorplan
 from phalanx.world.missions.orders import Orders, orders_of, orders_of_files
@@ -181,7 +181,7 @@ def keys_for_next_mission(file: Path, passphrase_file: Path | None, plan: Plan) 
     robots = plan.robots
     if plan.defence == "none":
         raise UsageError("--keys without audits", "leave it out: robots need keys only to audit each other")
-    with opened(file, passphrase_of(file, passphrase_file)) as keys:
+    with open_keyring(file, passphrase_of(file, passphrase_file)) as keys:
         masters = {robot: keys.master(robot) for robot in range(1, robots + 1)}
         number, sealed = keys.issue()
         for robot in sorted(masters.keys() - sealed.keys()):

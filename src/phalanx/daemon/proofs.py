@@ -20,7 +20,7 @@ import numpy as np
 from phalanx.bti import log, trusted
 from phalanx.bti.nodes import MissionKey
 from phalanx.errors import UsageError
-from phalanx.net.keyring import opened
+from phalanx.net.keyring import open_keyring
 from phalanx.net.mission_key import read_mission_key
 from phalanx.robot.retrace import entries_of
 from phalanx.wire import guarded
@@ -71,7 +71,7 @@ def mission_key_of(kept: RobotLog, keys_file: Path, passphrase: str, issued: Pat
     sealed = read_mission_key(issued, kept.robot)
     if sealed.seq != kept.mission:
         raise UsageError(f"{issued} is of mission {sealed.seq}", f"use the file of mission {kept.mission}")
-    with opened(keys_file, passphrase) as keys:
+    with open_keyring(keys_file, passphrase) as keys:
         master = keys.master(kept.robot)
     return unsealed(master, sealed)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from phalanx.bti.nodes import Refused, limits_of
 from phalanx.config.builtin import built_in
 from phalanx.errors import PhalanxError, Unavailable, UsageError
-from phalanx.net.keyring import opened
+from phalanx.net.keyring import open_keyring
 from phalanx.net.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
@@ -76,7 +76,7 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
     try:
         if node.about.robot_id:
             raise UsageError(f"its trusted nodes already belong to robot {node.about.robot_id}", "use a new board")
-        with opened(keys_file, passphrase) as keys:
+        with open_keyring(keys_file, passphrase) as keys:
             master = keys.provision(robot, today)
         node.make(limits_of(scenario.bti, scenario.radio), sealed=settings.said.radio.sealed)
         node.load_master(master, robot)
