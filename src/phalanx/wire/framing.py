@@ -35,7 +35,7 @@ def encode_frame(payload: bytes) -> bytes:
         at = end if end - at == RUN_MAX else end + 1
 
 
-def opened(frame: bytes) -> bytes:
+def decode_frame(frame: bytes) -> bytes:
     """Decode the bytes between two marks, and return the payload.
 
     Raises: BadFrame: cut off, or the CRC does not match.
@@ -76,7 +76,7 @@ class Frames:
         self._rest = rest[: self._most]
         for frame in filter(None, frames):
             try:
-                payload = opened(frame) if len(frame) < self._most else b""
+                payload = decode_frame(frame) if len(frame) < self._most else b""
             except BadFrame:
                 payload = b""
             if 0 < len(payload) <= self._longest:
