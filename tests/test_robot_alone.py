@@ -47,7 +47,7 @@ from phalanx.daemon.trusted import check_may_have_key, connect_nodes, provision_
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.scorecard.card import write_csv
 from phalanx.net import serial_line, udp_radio
-from phalanx.net.mission_key import issued, read_board, read_mission_key
+from phalanx.net.mission_key import encode_mission_key_file, read_board, read_mission_key
 from phalanx.net.serial_line import open_line
 from phalanx.net.udp_radio import LEAST_WAITING, PeerLimits, UdpRadio, parsed
 from phalanx.papers.table import Table, TableFile
@@ -125,7 +125,7 @@ def test_what_is_written_of_a_scenario_is_read_as_the_same():
 
 def test_a_mission_key_is_read_for_the_robot_that_it_is_sealed_for(tmp_path):
     path, sealed = tmp_path / "key.json", seal_mission_key(bytes(20), bytes(range(20)), bytes(20), 7)
-    path.write_bytes(issued(7, {3: sealed}, {}))
+    path.write_bytes(encode_mission_key_file(7, {3: sealed}, {}))
     assert read_mission_key(path, 3) == sealed
     with pytest.raises(UsageError, match="no key for robot 4"):
         read_mission_key(path, 4)
@@ -180,7 +180,9 @@ def test_a_master_key_goes_to_nobody_over_a_network(tmp_path, where):
     with pytest.raises(UsageError, match="cannot send a master key to"):
         provision(settings, tmp_path / "no.keys", "", "2026-01-01")
     node = SimpleNamespace(about=SimpleNamespace(robot_id=0))
-    (tmp_path / "key.json").write_bytes(issued(1, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 1)}, {}))
+    (tmp_path / "key.json").write_bytes(
+        encode_mission_key_file(1, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 1)}, {})
+    )
     with pytest.raises(UsageError, match="cannot send a master key to"):
         provision_keys(node, settings, None)
 
@@ -198,7 +200,9 @@ def test_where_it_stays_on_this_machine_it_may(tmp_path, here):
 
 
 def test_a_folder_that_cannot_be_written_is_found_before_the_missions_key_is_used_up(tmp_path, monkeypatch):
-    (tmp_path / "key.json").write_bytes(issued(7, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 7)}, {}))
+    (tmp_path / "key.json").write_bytes(
+        encode_mission_key_file(7, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 7)}, {})
+    )
     (tmp_path / "board.bin").write_bytes(BOARD.encode(id=3, master=bytes(20)))
     settings = robot(tmp_path, ROBOT + "board: board.bin\nfolder: nowhere\n")
     monkeypatch.setattr(daemon_run, "start", None)

@@ -27,7 +27,7 @@ from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
 from phalanx.daemon.trusted import connect_nodes, provision_keys, start
 from phalanx.net.keyring import create, open_keyring
-from phalanx.net.mission_key import issued, read_board, read_mission_key
+from phalanx.net.mission_key import encode_mission_key_file, read_board, read_mission_key
 from phalanx.wire import guarded
 from phalanx.wire.table import ACCELERATION, ENTRY_ACMD
 from robot_folder import write_robot
@@ -288,7 +288,7 @@ def test_a_robots_nodes_are_given_their_master_key_over_their_line_and_once(tmp_
     path.write_text(json.dumps(said))
     with open_keyring(ring, "some words that nobody guesses") as keys:
         number, sealed = keys.issue()
-    (tmp_path / "key.json").write_bytes(issued(number, sealed, {}))
+    (tmp_path / "key.json").write_bytes(encode_mission_key_file(number, sealed, {}))
     settings = read_robot(path)
     node = connect_nodes(settings)
     try:
@@ -401,7 +401,7 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
         # Now over a line, as to a board, and with a controller of its own.
         del said["planner"], said["wheels"]
         for kind in lines:
-            (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+            (tmp_path / "key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
             with a_board(tmp_path, kind) as trusted:
                 path.write_text(json.dumps(said | {"controller": "still.py:Follow", "trusted": trusted}))
                 with running(path):

@@ -29,7 +29,7 @@ from phalanx.daemon.trusted import program
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.net import QrkeyClient
 from phalanx.net.keyring import Keys, pem
-from phalanx.net.mission_key import issued, read_mission_key
+from phalanx.net.mission_key import encode_mission_key_file, read_mission_key
 from phalanx.net.serial_line import open_line
 from phalanx.net.serial_node import SerialNode
 from phalanx.robot import Led, Point
@@ -94,7 +94,7 @@ def file(tmp_path, robots):
     keys = Keys.new("test")
     for rob_id in (1, 2):
         keys.provision(rob_id, "2026-01-01")
-    (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (tmp_path / "key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
     (tmp_path / "mission.yaml").write_text(MISSION + NAMED)
     at = [{"robot": rob_id, "at": where} for rob_id, where in enumerate(robots.at, 1)]
     said = {"mission": "mission.yaml", "key": "key.json", "here": robots.here, "robots": at}
@@ -113,7 +113,7 @@ def protected(file):
     for rob_id in (1, 2, 9):
         master = keys.provision(rob_id, "2026-01-01")
     file.with_name("gateway.bin").write_bytes(BOARD.encode(id=9, master=master))
-    file.with_name("key.json").write_bytes(issued(*keys.issue(), {}))
+    file.with_name("key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
     nodes = {"trusted": "process:gateway.flash", "number": 9, "board": "gateway.bin"}
     file.write_text(json.dumps(json.loads(file.read_text()) | nodes))
     return file, unsealed(master, read_mission_key(file.with_name("key.json"), 9))

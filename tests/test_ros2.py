@@ -17,7 +17,7 @@ import pytest
 from phalanx.daemon.state import told
 from phalanx.lab.arena.places import free_ports
 from phalanx.net.keyring import Keys
-from phalanx.net.mission_key import issued
+from phalanx.net.mission_key import encode_mission_key_file
 from phalanx.wire.table import BOARD
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
@@ -67,7 +67,7 @@ def laid_out(folder, robots, attacks="[]"):
             "radio": {"here": here, "peers": peers or ["127.0.0.1:9"]},
         }
         (folder / f"robot-{robot}.yaml").write_text(json.dumps(said))
-    (folder / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (folder / "key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
 
 
 @contextlib.contextmanager

@@ -18,7 +18,7 @@ from phalanx.daemon.settings import read_robot
 from phalanx.daemon.signed_mission import digest_of, sign_mission
 from phalanx.errors import UsageError
 from phalanx.net.keyring import create, open_keyring
-from phalanx.net.mission_key import issued
+from phalanx.net.mission_key import encode_mission_key_file
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import parse_scenario, written_scenario
 
@@ -94,7 +94,7 @@ def test_without_a_signature_and_without_trust_it_is_the_logs_own_word(tmp_path,
 def test_a_robot_begins_no_other_mission_than_was_signed(tmp_path, monkeypatch):
     monkeypatch.setattr(daemon_run, "connect_nodes", lambda _: pytest.fail("opened"))
     sealed = {2: seal_mission_key(bytes(20), bytes(20), bytes(20), 7)}
-    (tmp_path / "key.json").write_bytes(issued(7, sealed, {}, sign_mission(MISSION, 7, OWNER).told))
+    (tmp_path / "key.json").write_bytes(encode_mission_key_file(7, sealed, {}, sign_mission(MISSION, 7, OWNER).told))
     radio = {"here": "127.0.0.1:4410", "peers": ["127.0.0.1:4411"]}
     said = {"robot": 2, "mission": "mission.yaml", "key": "key.json", "driver": "python:x.py", "radio": radio}
     (tmp_path / "robot.yaml").write_text(json.dumps(said))

@@ -12,7 +12,7 @@ from phalanx.daemon.run import mission_in
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import UsageError
 from phalanx.net.keyring import Keys, create, open_keyring, pem
-from phalanx.net.mission_key import issued
+from phalanx.net.mission_key import encode_mission_key_file
 from phalanx.net.private_file import write_private
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
@@ -53,7 +53,7 @@ def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_f
                 keys.renew(purpose)
         signers = {purpose: keys.public(purpose) for purpose in keys.signers}
         signed = sign_mission(scenario, number, keys.signer("missions")).told if scenario else {}
-    write_private(out, issued(number, sealed, signers, signed))
+    write_private(out, encode_mission_key_file(number, sealed, signers, signed))
     talk(f"{out} contains the key of mission {number}, sealed for {len(sealed)} robots")
 
 
