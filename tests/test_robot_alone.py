@@ -49,7 +49,7 @@ from phalanx.lab.scorecard.card import write_csv
 from phalanx.net import serial_line, udp_radio
 from phalanx.net.mission_key import encode_mission_key_file, read_board, read_mission_key
 from phalanx.net.serial_line import open_line
-from phalanx.net.udp_radio import LEAST_WAITING, PeerLimits, UdpRadio, parsed
+from phalanx.net.udp_radio import LEAST_WAITING, PeerLimits, UdpRadio, parse_address
 from phalanx.papers.table import Table, TableFile
 from phalanx.recording.recorder import Recorder
 from phalanx.robot.controllers import dispatch
@@ -396,7 +396,7 @@ def test_a_recording_over_a_link_that_somebody_laid_is_refused(tmp_path):
 @pytest.mark.parametrize("words", ["", "1.2.3.4", "host:5", "1.2.3.4:0", "1.2.3.4:65536", "[::1", "1.2.3.4:٣", ":5"])
 def test_what_is_no_address_is_said(words):
     with pytest.raises(UsageError, match="is not an address"):
-        parsed(words)
+        parse_address(words)
 
 
 def a_global_address() -> str:

@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.errors import PeerError, Unavailable, Unknown
 from phalanx.net.private_file import write_private
-from phalanx.net.udp_radio import Address, UdpRadio, parsed
+from phalanx.net.udp_radio import Address, UdpRadio, parse_address
 from phalanx.robot import Led, Point, Robot
 from phalanx.robot.roster import HISTORY_STEP_MM, member
 from phalanx.robot.station import Ordered, Station
@@ -72,7 +72,7 @@ class RobotSwarm(Ordered):
         station = Station(settings.signer(gateway, GATEWAY), settings.signer(operator, OPERATOR))
         super().__init__((member(rob_id - 1) for rob_id in ids), ids, station)
         self._settings, self._clock = settings, clock
-        self._at: dict[int, Address] = {each.robot: parsed(each.at) for each in said}
+        self._at: dict[int, Address] = {each.robot: parse_address(each.at) for each in said}
         self._peers = list(dict.fromkeys(each.at for each in said))  # in an arena all have one
         self._places: dict[int, tuple[Point, int]] = {}
         self._heard_at_s: dict[int, float] = {}

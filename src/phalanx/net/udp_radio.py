@@ -134,9 +134,9 @@ class UdpRadio:
     """
 
     def __init__(self, here: str, peers: Sequence[str], group: str = "", may: PeerLimits = ANYTHING) -> None:
-        self._here = parsed(here)
-        addresses = list(dict.fromkeys(map(parsed, peers)))
-        self._to = [parsed(group)] if group else addresses
+        self._here = parse_address(here)
+        addresses = list(dict.fromkeys(map(parse_address, peers)))
+        self._to = [parse_address(group)] if group else addresses
         self._refused = {"foreign": 0, "too_large": 0, "empty": 0, "too_many": 0}
         self.came_from: Address = ("", 0)
         family = _family(self._here)
@@ -270,7 +270,7 @@ class UdpRadio:
             each.close()
 
 
-def parsed(text: str) -> Address:
+def parse_address(text: str) -> Address:
     """Parse "ADDRESS:PORT". Raises: UsageError: not valid."""
     host, _, port = text.rpartition(":")
     try:
