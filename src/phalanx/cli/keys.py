@@ -52,7 +52,7 @@ def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_f
             for purpose in ("orders", "stops", "advice"):
                 keys.renew(purpose)
         signers = {purpose: keys.public(purpose) for purpose in keys.signers}
-        signed = sign_mission(scenario, number, keys.signer("missions")).told if scenario else {}
+        signed = sign_mission(scenario, number, keys.signer("missions")).as_json if scenario else {}
     write_private(out, encode_mission_key_file(number, sealed, signers, signed))
     talk(f"{out} contains the key of mission {number}, sealed for {len(sealed)} robots")
 

@@ -83,7 +83,7 @@ class RobotLog:
     def head(self) -> dict[str, Any]:
         """Return the first line of the log."""
         head: dict[str, Any] = {"robot": self.robot, "mission": self.mission, "t_key_ms": self.t_key_ms}
-        head |= {"signed": self.signed.told} if self.signed else {}
+        head |= {"signed": self.signed.as_json} if self.signed else {}
         return head | {"scenario": written_scenario(self.scenario)}
 
     @property

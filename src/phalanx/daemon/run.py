@@ -150,7 +150,7 @@ async def run_robot(
             "mission": sealed.seq,
             "t_key_ms": life.began_ms,
             "scenario": written_scenario(scenario),
-            **({"signed": signed.told} if signed else {}),
+            **({"signed": signed.as_json} if signed else {}),
         }
         kept.begin(head)
         own_files = () if in_arena else settings.own_files  # the arena reports errors in its own files

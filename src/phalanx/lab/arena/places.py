@@ -82,7 +82,7 @@ def write_arena_files(
     for name in ("key.json", "foreign-key.json"):
         number, sealed = keys.issue()
         signed = sign_mission(scenario, number, keys.signer("missions"))
-        write_private(folder / name, encode_mission_key_file(number, sealed, {}, signed.told))
+        write_private(folder / name, encode_mission_key_file(number, sealed, {}, signed.as_json))
     strangers = {each.robot for each in changes.on_air if each.name == "foreign-key"}
     packets = "sealed" if changes.sealed else "plain"
     for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):
