@@ -177,7 +177,7 @@ def test_what_a_scan_shows_is_told_as_landmarks():
     seen = ScanLandmarks(rows_of(things))
     assert tuple(seen) == things
     assert len(seen) == len(things)
-    assert seen[1] is seen.told[1]
+    assert seen[1] is seen.landmarks[1]
     assert seen[-2:] == things[-2:]
     assert np.array_equal(rows_of(seen), rows_of(things), equal_nan=True)
     assert not ScanLandmarks(rows_of(()))

@@ -84,7 +84,7 @@ class ScanLandmarks(Sequence[Landmark]):
         self.rows = rows
 
     @cached_property
-    def told(self) -> tuple[Landmark, ...]:
+    def landmarks(self) -> tuple[Landmark, ...]:
         """Return all landmarks, the same objects each time."""
         return tuple(
             Landmark(LANDMARK_TYPES[int(kind)], x, y, number_or_none(turn), number_or_none(area))
@@ -95,10 +95,10 @@ class ScanLandmarks(Sequence[Landmark]):
         return len(self.rows)
 
     def __iter__(self) -> Iterator[Landmark]:
-        return iter(self.told)
+        return iter(self.landmarks)
 
     def __getitem__(self, i: Any) -> Any:
-        return self.told[i]
+        return self.landmarks[i]
 
 
 @dataclass(frozen=True, slots=True)

@@ -214,7 +214,7 @@ class Features(NamedTuple):
         A concave corner gives one landmark for each visible wall, with that wall's normal, as other walls are visible
         from other sides. The orientation of a convex corner bisects its walls' normals.
         """
-        return ScanLandmarks(_placed(self, float(x_m), float(y_m), float(heading_rad))).told
+        return ScanLandmarks(_placed(self, float(x_m), float(y_m), float(heading_rad))).landmarks
 
 
 class Sweep(NamedTuple):
