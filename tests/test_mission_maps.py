@@ -81,7 +81,7 @@ def test_a_map_alone_is_audited_as_what_build_makes_of_it() -> None:
         Profile.SEALED,
         plan=candidates_in(plan, BuildOptions().offset_mm),
         outlook=look_ahead(mission, None, plan),
-    ).told()
+    ).to_json()
     assert report["nodes"] == json.loads(json.dumps(told))["nodes"]
     elsewhere = json.loads(command("audit", "--map", "office_30x25", "--start", "14,8", "--json").stdout)
     assert elsewhere["nodes"] != report["nodes"]

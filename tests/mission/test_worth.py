@@ -70,12 +70,12 @@ class TestAudit:
         # Nothing could be summed: that is no cost of 0.
         assert report.out_of_reach == len(report.nodes)
         assert report.core_s == report.gpu_s == math.inf
-        told = json.loads(json.dumps(report.told(), allow_nan=False))
+        told = json.loads(json.dumps(report.to_json(), allow_nan=False))
         assert (told["core_s"], told["gpu_s"]) == (None, None)
         report, row = rows(small(CHEAP), Profile.SEALED, open_start=True)
         assert row["start"].candidates == pytest.approx(30 * 25)
         assert 0 < report.core_s < math.inf
-        assert report.told()["core_s"] == report.core_s
+        assert report.to_json()["core_s"] == report.core_s
 
     def test_what_is_behind_a_message_or_a_random_token_is_out_of_reach(self):
         for barrier in ("message", "token", "reading"):

@@ -60,7 +60,7 @@ def print_audit(
         # With dust: it may be an obstacle.
         trials = _run_trials(mission, options, replace(building(name, doors), start=floor.start), scanner, trial)
     if as_json:
-        print_json({**report.told(), "rates": asdict(rates), "trial": trials})
+        print_json({**report.to_json(), "rates": asdict(rates), "trial": trials})
         return
     _show(report, rates)
     if trials is not None:

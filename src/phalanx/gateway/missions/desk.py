@@ -145,7 +145,7 @@ class MissionDesk:
             "nodes": len(plain.nodes),
             "bytes": sum(len(each.mission.encode()) for each in built),
             "profile": profile.name.lower(),
-            "audit": worth.told(),
+            "audit": worth.to_json(),
             "rates": asdict(Rates()),
             "unseen": _unseen(plain, self._sites),
         }

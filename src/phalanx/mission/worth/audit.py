@@ -73,7 +73,7 @@ class Audit:
     problems: tuple[str, ...]
     feasible: bool | None  # True if robots can be expected to complete the mission; None if not predicted
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the audit as a JSON-ready dict."""
         rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in self.nodes]
         # JSON has no infinity, and 0 would mean that cracking is free: use null.
