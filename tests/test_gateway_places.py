@@ -25,7 +25,7 @@ def table(rows) -> np.ndarray:
 @pytest.mark.parametrize("case", [case for case in CASES if "rows" in case], ids=lambda case: case["name"])
 def test_places_are_packed_as_the_oracle_does_it(case):
     places = Places(table(case["rows"]))
-    assert [places.told()] == case["places"]
+    assert [places.encode()] == case["places"]
     assert read_places(case["places"]) == [tuple(row) for row in case["read"]]
 
 
@@ -36,13 +36,13 @@ near = st.integers(-30_000, 30_000)
 @given(numbers, st.data())
 def test_every_robot_is_told_exactly(them, data):
     rows = [(n, data.draw(near), data.draw(near), data.draw(st.integers(0, 359))) for n in them]
-    assert read_places([Places(table(rows)).told()]) == rows
+    assert read_places([Places(table(rows)).encode()]) == rows
 
 
 @given(st.lists(st.tuples(st.integers(-(10**9), 10**9), st.integers(-(10**9), 10**9)), min_size=1, max_size=20))
 def test_on_a_wide_field_no_place_is_off_by_more_than_half_a_step(at):
     rows = [(n, x, y, 0) for n, (x, y) in enumerate(at)]
-    piece = Places(table(rows)).told()
+    piece = Places(table(rows)).encode()
     extent = max(max(v[axis] for v in at) - min(v[axis] for v in at) for axis in (0, 1))
     assert piece[3] <= max(1, extent / 65535 + 1)
     for (_, x, y, _), (_, told_x, told_y, _) in zip(rows, read_places([piece]), strict=True):
@@ -51,7 +51,7 @@ def test_on_a_wide_field_no_place_is_off_by_more_than_half_a_step(at):
 
 def test_one_that_is_far_away_does_not_blur_where_the_others_are():
     rows = [(0, 1757, 402, 10), (1, 871, 1551, 20), (2, 9_000_000, 9_000_000, 30), (3, 900, 800, 40)]
-    told = read_places([some.told() for some in group_places(table(rows))])
+    told = read_places([some.encode() for some in group_places(table(rows))])
     assert sorted(told) == rows
 
 
@@ -59,7 +59,7 @@ def test_what_swarms_that_come_and_go_leave_out_costs_a_piece_and_no_more():
     rows = [(0, 1, 1, 0), (10**9, 2, 2, 0), (10**9 + 1200, 3, 3, 0)]
     places = group_places(table(rows))
     assert len(places) == 2
-    assert read_places([some.told() for some in places]) == rows
+    assert read_places([some.encode() for some in places]) == rows
 
 
 def test_nobody_is_packed_as_nothing():

@@ -102,7 +102,7 @@ class StateUpdates:
         batch, sent, places = self._within(tick_bytes(len(robots)) - FRAME_BYTES, moved, _units(len(robots)))
         whole: dict[str, Any] = dict(batch.lists)
         if places:
-            whole["places"] = [some.told() for some in places]
+            whole["places"] = [some.encode() for some in places]
         # Last: if an invalid value of a driver raises above, nothing is marked as sent.
         known = before[np.isin(before[:, 0], rows[:, 0]) & ~np.isin(before[:, 0], sent[:, 0])]
         self._rows = _by_number(np.concatenate([known, sent]))

@@ -48,7 +48,7 @@ class Places:
         """Return the length as JSON, at most."""
         return AROUND_CHARS + RECORD_CHARS * len(self._records)
 
-    def told(self) -> list[Any]:
+    def encode(self) -> list[Any]:
         """Return the group as an item of an update's `places`: `[number, x, y, step, records]`."""
         records = urlsafe_b64encode(self._records.tobytes()).decode()
         return [self._first, *self._corner.tolist(), self._step_mm, records]
