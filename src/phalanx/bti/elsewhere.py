@@ -67,8 +67,8 @@ _placed: dict[int, RemoteNodes] = {}
 _failed: list[BaseException] = []
 
 
-def place(nodes: Sequence[RemoteNodes]) -> NDArray[np.uint8]:
-    """Register remote nodes until `forget`, and return their rows for kernels, (n, ELSEWHERE_BYTES)."""
+def register_remote(nodes: Sequence[RemoteNodes]) -> NDArray[np.uint8]:
+    """Register remote nodes until `unregister_remote`, and return their rows for kernels, (n, ELSEWHERE_BYTES)."""
     rows = np.zeros((len(nodes), trusted.ELSEWHERE_BYTES), np.uint8)
     for each, its in zip(nodes, rows, strict=True):
         number = max(_placed, default=0) + 1
@@ -77,7 +77,7 @@ def place(nodes: Sequence[RemoteNodes]) -> NDArray[np.uint8]:
     return rows
 
 
-def forget(rows: NDArray[np.uint8]) -> None:
+def unregister_remote(rows: NDArray[np.uint8]) -> None:
     """Unregister remote nodes; later calls to them fail."""
     for each in rows:
         _placed.pop(get_u32(each, 0), None)

@@ -95,7 +95,7 @@ class Life:
         self.scenario, self.id, self.mission = scenario, rob_id, mission
         self._reads = declaration_of(scenario).reads
         self.clock, self._hardware, self.radio = clock, hardware, radio
-        self._rows = elsewhere.place([clock])
+        self._rows = elsewhere.register_remote([clock])
         self.fleet = make_fleet(
             1,
             scenario.bti,
@@ -301,4 +301,4 @@ class Life:
         if self.far:
             self.far.close()
         self._hardware.close()
-        elsewhere.forget(self._rows)
+        elsewhere.unregister_remote(self._rows)
