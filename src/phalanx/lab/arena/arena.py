@@ -209,7 +209,7 @@ class Arena:
                     self.field.drive(i, command)
                 if not self._over:
                     self._catch_up()
-                    self.field.stand(i)
+                    self.field.halt_motors(i)
 
     def _catch_up(self) -> None:
         clock = self.field.world.clock[0]
