@@ -69,7 +69,7 @@ class PeerController(Controller, ABC):
         """Update `here`, `holds` and `wants`; called before each broadcast."""
 
     @abstractmethod
-    def aim(self) -> Point:
+    def target_point(self) -> Point:
         """Return the point to drive to, m."""
 
     def told(self, rob_id: int, t_ms: int, before_ms: int) -> None:
@@ -103,7 +103,7 @@ class PeerController(Controller, ABC):
         speaks = (step + self.rob_id) % self.task.state_every == 0
         if speaks:
             self.turn(t_ms, place_m)
-        outputs = self.body.drive(step, t_ms, reading, self.aim(), speaks=speaks)
+        outputs = self.body.drive(step, t_ms, reading, self.target_point(), speaks=speaks)
         if speaks:
             places = self.here, self.holds, self.wants
             outputs.append(Send(CLAIM.form.pack(KIND_CLAIM, self.rob_id, t_ms, *places)))

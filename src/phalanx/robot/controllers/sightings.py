@@ -77,7 +77,7 @@ class SightController(PeerController):
                 self.holds = number
                 return
 
-    def aim(self) -> Point:
+    def target_point(self) -> Point:
         """Return the position of its object, or its post."""
         return self.things().get(self.holds, self.task.waits_m[self.rob_id - 1])
 

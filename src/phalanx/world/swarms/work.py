@@ -147,7 +147,7 @@ class Work:
     def aim_m(self, controller: Controller | None, now_ms: int) -> Point | None:
         """Return the goal of an honest idle robot, m; None while it is driven or held."""
         assert isinstance(controller, PeerController), "made by make_controller"
-        return None if controller.body.is_taken(now_ms) else controller.aim()
+        return None if controller.body.is_taken(now_ms) else controller.target_point()
 
     def done(self, now_s: float) -> Done:
         """Return the recent score; drop older history, which would grow."""
