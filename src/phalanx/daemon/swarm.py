@@ -141,7 +141,7 @@ class RobotSwarm(Ordered):
         until_s, times, under_way, trouble = float("inf"), LAST_TIMES, list[str](), ""
         while (now_s := time.monotonic()) < until_s and (times or self._station.has_pending_order):
             try:
-                next_s = self._station.speak(self, now_s, self._order_time_ms)
+                next_s = self._station.send_due(self, now_s, self._order_time_ms)
                 self._listen(min(max(0.0, next_s - now_s), TURN_S))
             except Unavailable as error:  # its nodes are gone, and robots accept only sealed packets
                 if str(error) != trouble:

@@ -67,7 +67,7 @@ class Station:
         self._waiting: dict[tuple[int, int], Make] = {}
         self._told: dict[int, int] = {}
 
-    def tell(self, robot: int, kind: int, make: Make) -> None:
+    def queue_order(self, robot: int, kind: int, make: Make) -> None:
         """Queue an order for the robot, replacing a queued one of the same kind; thread-safe."""
         self._waiting[robot, kind] = make
 
@@ -85,11 +85,11 @@ class Station:
         """Return whether an order is queued, or a broadcast is being repeated."""
         return bool(self._waiting or self._at_once)
 
-    def told(self, robot: int) -> int | None:
+    def last_order_number(self, robot: int) -> int | None:
         """Return the number of the last order sent to the robot; None while an order to move is queued."""
         return None if (robot, MOTION) in self._waiting else self._told.get(robot, 0)
 
-    def speak(self, air: Air, now_s: float, order_ms: int) -> float:
+    def send_due(self, air: Air, now_s: float, order_ms: int) -> float:
         """Send the next packet that is due, at most one; `order_ms` is the signers' clock.
 
         Returns: when to call again, s; infinity if nothing is queued.
@@ -193,4 +193,4 @@ class Ordered(Roster):
         self._members[i].threshold_mm = threshold_mm
 
     def _tell(self, i: int, kind: int, make: partial[bytes]) -> None:
-        self._station.tell(self._ids[i], kind, make)
+        self._station.queue_order(self._ids[i], kind, make)

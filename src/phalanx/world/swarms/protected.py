@@ -241,7 +241,7 @@ class ProtectedSwarm(Ordered):
             self.drive(self._members[self._to_stop.pop()].address, 0, 0)
         end_s, looks = self._now_s + dt_s, self._work.looks if self._work else None
         while self._now_s < end_s:
-            self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms), self._next_grid_s())
+            self._now_s = min(end_s, self._station.send_due(self._air, self._now_s, self._now_ms), self._next_grid_s())
             until_us = round(self._now_s * 1e6)
             while loop.run(self.world, until_us) == loop.FOR_PYTHON:
                 pybot.handle(self.world, self._nodes, stage=looks)
@@ -257,7 +257,7 @@ class ProtectedSwarm(Ordered):
             x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
             self._members[i].append_position(x_mm, y_mm, HISTORY_STEP_MM)
         for i, each in enumerate(self._members):
-            state, ordered = self.world.fleet.state[i], self._station.told(i + 1)
+            state, ordered = self.world.fleet.state[i], self._station.last_order_number(i + 1)
             # The robot has received its last order, and has no route left.
             is_free = ordered is not None and get_u64(state, HEARD_AT) >= ordered and not state[wheels.COUNT]
             if each.route and is_free:
