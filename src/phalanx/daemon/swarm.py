@@ -261,7 +261,7 @@ class RobotSwarm(Ordered):
     def robots(self) -> Sequence[Robot]:
         """Return every robot heard so far, at its claimed place. Robots do not report batteries."""
         return [
-            each.seen(*self._places[robot], 0.0, self._heard_at_s[robot])
+            each.snapshot(*self._places[robot], 0.0, self._heard_at_s[robot])
             for robot, each in zip(self._ids, self._members, strict=True)
             if robot in self._heard_at_s
         ]

@@ -41,7 +41,7 @@ class Member:
     threshold_mm: float = DEFAULT_THRESHOLD_MM
     history: deque[Point] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
-    def seen(self, at: Point, direction_deg: int, battery_v: float, heard_at_s: float) -> Robot:
+    def snapshot(self, at: Point, direction_deg: int, battery_v: float, heard_at_s: float) -> Robot:
         """Return the robot with its current position, direction and battery voltage."""
         rest = self.led, self.route, self.threshold_mm, heard_at_s, self.history
         return Robot(self.address, self.name, at, direction_deg % 360, battery_v, *rest)

@@ -213,7 +213,7 @@ class RosSwarm(Roster):
     def robots(self) -> Sequence[Robot]:
         """Return all robots heard so far, at their odometry's positions."""
         return [
-            each.seen(*pose_of(self._area, body.at), body.battery_v, body.heard_at_s)
+            each.snapshot(*pose_of(self._area, body.at), body.battery_v, body.heard_at_s)
             for each, body in zip(self._members, self._bodies, strict=False)
             if body.heard_at_s
         ]

@@ -105,7 +105,7 @@ class MissionSwarm(Roster):
         self._receive()
         return [
             # The robot's front points along (-sin, cos) of the direction, y down.
-            each.seen(
+            each.snapshot(
                 self.to_area(truth.x_m, truth.y_m),
                 round(-math.degrees(truth.heading_rad) - 90),
                 BATTERY_V,

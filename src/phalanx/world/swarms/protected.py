@@ -220,7 +220,7 @@ class ProtectedSwarm(Ordered):
             each.led = Led(*self.world.led[i].tolist())
             direction_deg, battery_v = round(float(self.world.vel[i, 0])), float(self._battery_mv[i]) / 1000
             seen_at_s = self._stopped_at_s.get(i, now)
-            found.append(each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, seen_at_s))
+            found.append(each.snapshot(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, seen_at_s))
         return found
 
     def stop(self, address: str) -> None:
