@@ -283,12 +283,12 @@ def live(mission: EncodedMission, config: MissionConfig, samples: list[Sample]) 
     for i, (sample, before, now, travelled_m) in enumerate(steps_of(samples)):
         belief = belief.driven(before, now, odometry_errors_of(config))
         landmarks = extract(sample.scan, SCANNER).landmarks(*belief.pose)
-        seen = Experience(float(i), *belief.pose, travelled_m, landmarks, spread=belief.doubt)
+        seen = Experience(float(i), *belief.pose, travelled_m, landmarks, spread=belief.pose_covariance)
         state, outcome = walker.step(state, seen)
         if outcome.fix is not None:
             lived.fixes += 1
             belief = fixed(config, belief, outcome.fix)
-            if wrong := pose_error(sample.pose, belief.pose, belief.doubt):
+            if wrong := pose_error(sample.pose, belief.pose, belief.pose_covariance):
                 lived.false[wrong] += 1
         elif outcome.reason is not None:
             lived.not_validated[outcome.reason.value] += 1

@@ -83,7 +83,7 @@ def test_turns_to_and_fro_beside_a_wall_slip_both_ways():
     belief = initial_belief(CONFIG, (0.0, 0.0, 0.0))
     for k in range(120):
         belief = belief.moved(0.0, 0.12 if k % 8 < 4 else -0.12, WHEELS, touches=True)
-    assert 0.05 < math.sqrt(belief.doubt[5]) < 0.25
+    assert 0.05 < math.sqrt(belief.pose_covariance[5]) < 0.25
 
 
 @pytest.mark.parametrize(
@@ -308,4 +308,4 @@ def test_the_numbers_of_a_belief_are_its_mean_and_its_upper_triangle():
     assert len(belief.numbers) == NUMBERS == COUNT + len(UPPER)
     assert belief.numbers[:3] == belief.pose
     assert belief.numbers[3:6] == belief.drift
-    assert tuple(pose_spread(belief.doubt).ravel()) == tuple(belief.spread[:3, :3].ravel())
+    assert tuple(pose_spread(belief.pose_covariance).ravel()) == tuple(belief.spread[:3, :3].ravel())

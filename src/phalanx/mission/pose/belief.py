@@ -113,7 +113,7 @@ class Belief:
         return x, y, heading
 
     @property
-    def doubt(self) -> tuple[float, float, float, float, float, float]:
+    def pose_covariance(self) -> tuple[float, float, float, float, float, float]:
         """Return the upper triangle of the pose's covariance, row by row, for `Experience`."""
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.spread[:3, :3].tolist()
         return xx, xy, xt, yy, yt, tt

@@ -209,7 +209,7 @@ class _Predictor:
         is_decoded, there, shown, found = False, belief, side is not None, 0
         steps = max(1, math.ceil(length_m / STEP_M))
         for i in range(steps + (round(BEYOND_M / STEP_M) if shown else 0) + 1):
-            seen = Experience(0.0, *belief.pose, spread=belief.doubt)
+            seen = Experience(0.0, *belief.pose, spread=belief.pose_covariance)
             eyes = [seen] if side is None else self._eyes(seen, side, target)
             if i > steps and not (is_decoded or eyes) and passed:
                 # A wall stops the robot, and it turns around.

@@ -149,7 +149,7 @@ def replay(
     for i, ((distance_m, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
         belief = belief.driven(alone.pose, alone.step(distance_m, turn), odometry_errors_of(PATIENT))
         landmarks = extract(scan, extraction).landmarks(*belief.pose)
-        seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.doubt)
+        seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.pose_covariance)
         state, outcome = walker.step(state, seen)
         if outcome.fix is not None:
             belief = fixed(PATIENT, belief, outcome.fix)

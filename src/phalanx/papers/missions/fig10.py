@@ -103,7 +103,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
         read_s = time.perf_counter() - started
         t_s = tick * TICK_S
         marks = tuple(_as_trusted(mark, belief.pose) for mark in codes_at(camera.eye, belief.pose, codes))
-        seen = Experience(t_s, *belief.pose, alone.travelled_m, marks, spread=belief.doubt)
+        seen = Experience(t_s, *belief.pose, alone.travelled_m, marks, spread=belief.pose_covariance)
         started = time.perf_counter()
         state, outcome = walker.step(state, seen)
         step_s = time.perf_counter() - started

@@ -128,7 +128,9 @@ class ReportRecorder:
         if outcome is None:
             return
         report.hashes_tried += outcome.trials
-        if outcome.fix is not None and (wrong := pose_error(true, estimate, self.controller.memory.belief.doubt)):
+        if outcome.fix is not None and (
+            wrong := pose_error(true, estimate, self.controller.memory.belief.pose_covariance)
+        ):
             report.false_fixes += 1
             report.denied.append((t_s, "fix", wrong))
         why = self._why_not(outcome, phase)

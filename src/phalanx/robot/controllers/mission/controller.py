@@ -270,7 +270,7 @@ class MissionController(EvidenceController):
             actions=self.given.pool,
             messages=self.messages,
             blocked=self.memory.blocked,
-            spread=belief.doubt,
+            spread=belief.pose_covariance,
         )
 
     def _drive(self, t_ms: int, command: Drive) -> Act:
