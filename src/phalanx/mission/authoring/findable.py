@@ -157,7 +157,7 @@ class Sighted:
     site: Site
     looks: tuple[tuple[Landmark, ...], ...]  # by scan; empty for a QR code, which a lidar does not show
 
-    def left(self, aliases: Container[Landmark]) -> Site | None:
+    def with_aliases(self, aliases: Container[Landmark]) -> Site | None:
         """Return the site with only these aliases; None if too few scans show them."""
         kept = tuple(alias for alias in self.site.aliases if alias in aliases)
         enough = self.site.type == "qr" or _is_enough(_seen(kept, self.looks), len(self.looks))

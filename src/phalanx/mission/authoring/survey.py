@@ -67,7 +67,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     all_aliases = [alias for each in in_sight for alias in each.site.aliases]
     others = (*look_alikes_of(plan), *beside)
     unique = set(without_duplicates(alone(all_aliases, others, APART_M)))
-    sites = [site for site in (each.left(unique) for each in in_sight) if site is not None]
+    sites = [site for site in (each.with_aliases(unique) for each in in_sight) if site is not None]
     if not sites:
         hint = "use a map that has doorways, rooms, free corners or QR codes"
         raise UsageError(f"{plan.name} has no landmarks that robots can recognise", hint)

@@ -112,7 +112,7 @@ def candidates_in(plan: FloorPlan, rounded_mm: int) -> PlanCandidates:
     """
     sites, alike = landmarks_of(plan), look_alikes_of(plan)
     looked_at, beside = sighted(plan, sites)
-    seen = [site for site in (each.left(each.site.aliases) for each in looked_at) if site is not None]
+    seen = [site for site in (each.with_aliases(each.site.aliases) for each in looked_at) if site is not None]
     start = plan.start or most_spacious_start(plan)
     known: list[Landmark | Position] = [Position(start[0], start[1])]
     known += [*_apart(sites, alike), *_apart(seen, (*alike, *beside))]
