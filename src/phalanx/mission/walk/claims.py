@@ -78,7 +78,7 @@ def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
     return key if mark == alias.mark else None
 
 
-def shows(
+def match_of_claim(
     mission: EncodedMission,
     config: MissionConfig,
     claim: Claim,

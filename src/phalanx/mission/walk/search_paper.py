@@ -96,9 +96,9 @@ class PaperSearch:
         """Return the shapes that need only a place, packed for kernels, and the other shapes."""
         parts = self._parts(self._among(nodes), released)
         together = [arrays for _, arrays in parts if arrays is not None]
-        return together or [self.nothing()], [shape for same, arrays in parts if arrays is None for shape in same]
+        return together or [self.empty_shapes()], [shape for same, arrays in parts if arrays is None for shape in same]
 
-    def nothing(self) -> Shapes:
+    def empty_shapes(self) -> Shapes:
         """Return packed shapes that match nothing."""
         none, searched = np.empty((0, 3), np.int64), (*self._among(()).arrays, *self._searched.known)
         return pack(Shapes(none, none, none, np.empty((0, 1), np.uint64), *searched))

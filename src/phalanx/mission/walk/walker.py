@@ -154,7 +154,7 @@ class Walker:
         """Return the empty result if the fast check rules out a find; None if not, or if a value is implausible."""
         is_sane = _is_on_plane(seen) and 0.0 <= seen.travelled_m <= FAR_M
         tries = self._finder.tries_if_ruled_out(state, seen) if is_sane else None
-        return None if tries is None else self._finder.nothing(state, seen, tries)
+        return None if tries is None else self._finder.empty_find(state, seen, tries)
 
     def _heard(self, state: State, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
         if not messages:
