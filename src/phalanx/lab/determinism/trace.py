@@ -29,7 +29,7 @@ from phalanx.robot.controllers.python_controller import (
 )
 from phalanx.wire.record import MalformedRecord
 
-from .calls import ADVICE, FRAME, Call, Endless, Make, maker, watched
+from .calls import ADVICE, FRAME, Call, Endless, Make, controller_factory, watch_call
 
 # Result of one call: type and bytes of each output, encoded state after the call, the exception, and the reason why
 # the body, the radio or the checkpoint would reject a result.
@@ -101,7 +101,7 @@ def _step(controller: Controller, call: Call) -> Step:
     outputs: list[Output] = []
     raised = refused = ""
     try:
-        with watched(controller, call.method, str(call)):
+        with watch_call(controller, call.method, str(call)):
             if call.step == FRAME:
                 controller.on_recv(call.t_ms, call.payload)
             elif call.step == ADVICE:
@@ -191,7 +191,7 @@ def main(job: Path, out: Path) -> None:
     """Run the job's sequences, and write their results to `out`."""
     settings: dict[str, Any] = json.loads(job.read_text())
     kept = _shake(settings["turn"]) if settings["turn"] else []
-    make = maker(settings["controller"])
+    make = controller_factory(settings["controller"])
     calls = [Call(step, t_ms, bytes.fromhex(payload)) for step, t_ms, payload in settings["calls"]]
     results = {name: LIVES[name](make, settings["robot"], calls) for name in settings["lives"]}
     del kept
