@@ -38,7 +38,7 @@ from phalanx.bti import trusted
 from phalanx.bti.fleet import PAPER, PLAIN
 from phalanx.cli.mission.files import read_plain
 from phalanx.config import BtiConfig
-from phalanx.lab.scorecard.errand import errand
+from phalanx.lab.scorecard.errand import shelf_errand
 from phalanx.lab.scorecard.mission_trial import ROBOT, Operator, plan_of, try_mission_attack, walk
 from phalanx.lab.scorecard.team_trial import try_in_team
 from phalanx.mission import BuildOptions, Profile, build
@@ -396,7 +396,7 @@ def _errand(sink: Sink, *, attack: str | None, defence: str, unchecked: bool = F
     kind, defence = attacks()[attack].kind if attack else Between, DEFENCE[defence]
     options = {"unchecked": 1.0} if unchecked else {}
     made = kind(plan_of(defence, 0, kind.starts_s, options))
-    walked = walk(made, Operator(defence, 0).send(errand(), ROBOT, 1), defence, 0, checked=not unchecked)
+    walked = walk(made, Operator(defence, 0).send(shelf_errand(), ROBOT, 1), defence, 0, checked=not unchecked)
     _outcome(sink, walked)
 
 
