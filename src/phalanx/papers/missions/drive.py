@@ -63,7 +63,9 @@ class Drive:
         return x, y, heading
 
 
-def driven(plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float) -> Iterator[tuple[Pose, Motion]]:
+def poses_along(
+    plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float
+) -> Iterator[tuple[Pose, Motion]]:
     """Yield a robot's true poses along a path, and its wheel motion since the previous tick.
 
     The robot drives straight between the points of the path and stops at its end. The iterator never ends.
@@ -90,7 +92,7 @@ def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
     """
     plan = load_floorplan(DEFAULT)
     lidar, chance = Lidar(plan.walls), np.random.default_rng([seed, 8])
-    ticks = list(islice(driven(plan, PATH_M, SPEED_MPS), round(duration_s / TICK_S)))
+    ticks = list(islice(poses_along(plan, PATH_M, SPEED_MPS), round(duration_s / TICK_S)))
     poses, motions = zip(*ticks, strict=True)
     return Drive(np.array(poses), np.array(motions), tuple(lidar.sweep(pose, chance) for pose in poses))
 

@@ -29,7 +29,7 @@ from phalanx.world.building.camera import Camera
 from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.building.odometry import NoiseModel, Odometry, OdometryNoise, Pose
 
-from .drive import PATIENT, TICK_S, driven, path_errors_m
+from .drive import PATIENT, TICK_S, path_errors_m, poses_along
 
 MAP = "office_30x25"
 GRID_MM = 20  # Encoded graphs §VI-D
@@ -77,7 +77,7 @@ def mission_of(plan: FloorPlan) -> EncodedMission:
 
 
 @lru_cache(maxsize=1)
-def place() -> tuple[FloorPlan, EncodedMission]:
+def office_with_codes() -> tuple[FloorPlan, EncodedMission]:
     """Return the floor plan and the mission encoded from its codes."""
     plan = load_floorplan(MAP)
     return plan, mission_of(plan)
@@ -86,14 +86,14 @@ def place() -> tuple[FloorPlan, EncodedMission]:
 def measure_case(case: str, _tell: object = None) -> Rows:
     """Run the drive of one seed; return a row for each picture."""
     seed = seed_of(case)
-    plan, mission = place()
+    plan, mission = office_with_codes()
     assert plan.start is not None, "the built-in floor plan has a start pose"
     camera, chance = Camera(plan), np.random.default_rng([seed, 10])
     alone, belief = Odometry(plan.start, NOISE, np.random.default_rng([seed, 1])), initial_belief(PATIENT, plan.start)
     walker, state = Walker(mission, config=PATIENT), State()
     search, nodes = PaperSearch(mission, MissionConfig()), tuple(range(len(mission.nodes)))
     rows = []
-    for tick, (pose, (way, turn)) in enumerate(driven(plan, PATH_M, SPEED_MPS)):
+    for tick, (pose, (way, turn)) in enumerate(poses_along(plan, PATH_M, SPEED_MPS)):
         belief = belief.driven(alone.pose, alone.step(way, turn), odometry_errors_of(PATIENT))
         if tick % CAMERA_TICKS:
             continue
@@ -148,7 +148,7 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="codes on the walls; used on the way",
             paper=f"{PAPER_CODES}; {PAPER_USED}",
-            ours=f"{len(place()[0].codes)}; {quantiles(used, '.0f')}",
+            ours=f"{len(office_with_codes()[0].codes)}; {quantiles(used, '.0f')}",
             agrees=bool(np.all(used == PAPER_USED)),
             why="as many as the paper's, in every seed",
         ),
