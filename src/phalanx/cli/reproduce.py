@@ -39,7 +39,7 @@ def reproduce(
     """Measure a figure, compare it and draw it. Return 1 if interrupted."""
     chosen = FIGURES[figure]
     login = {"login": read_login(options.pop("broker_login"))} if chosen.has_login else {}
-    asked = chosen.asked({name: value for name, value in options.items() if value is not None}, quick=quick)
+    asked = chosen.option_values({name: value for name, value in options.items() if value is not None}, quick=quick)
     chosen.check(asked)
     warn_if_nothing_is_drawn()
     csv = chosen.csv(out)
@@ -99,7 +99,7 @@ def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: 
 
 def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Shown | None:
     """Return the result of a figure, or None if interrupted."""
-    asked = figure.asked({}, quick=quick)
+    asked = figure.option_values({}, quick=quick)
     if not _measure(figure, out, asked, each_case, f"{figure.name}: "):
         return None
     csv = figure.csv(out)
