@@ -14,7 +14,7 @@ import pytest
 from chromium import PHONE, a_page, barriers_in_both_schemes, pixels
 from commands import PHALANX
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.scenes import Live
 from recorded_scenario import SCENARIO
@@ -28,7 +28,7 @@ def served():
     """The page without a run, yet."""
     in_real_time()
     with ThreadPoolExecutor(1) as elsewhere:  # Playwright's own loop runs in this thread
-        runner, site = asyncio.Runner(), beside(ViewPages(0))
+        runner, site = asyncio.Runner(), serve_in_thread(ViewPages(0))
         try:
             yield elsewhere.submit(runner.run, site.__aenter__()).result()
         finally:

@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from phalanx.cli import view as view_command
 from phalanx.errors import Unavailable, UsageError
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.recording import recorded
 from phalanx.recording.recorded import Said
 from phalanx.recording.recorder import NS, TOPICS, frame
@@ -219,7 +219,7 @@ def test_misuse_is_one_line(phalanx, seen, tmp_path, monkeypatch):
 
 @pytest.mark.waits
 async def test_no_other_host_s_name_and_no_nonsense_is_answered_and_a_port_that_is_taken_is_named():
-    async with beside(ViewPages(0)) as pages, aiohttp.ClientSession(f"http://127.0.0.1:{pages.port}") as http:
+    async with serve_in_thread(ViewPages(0)) as pages, aiohttp.ClientSession(f"http://127.0.0.1:{pages.port}") as http:
         for path, headers, status in (
             ("/api/run", {"Host": "evil.test"}, 403),
             ("/api/run?from=-1", {}, 400),

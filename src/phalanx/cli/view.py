@@ -15,7 +15,7 @@ from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.serve_view import ViewPages
 from phalanx.net.ports import LOOPBACK
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.recording.recorded import is_recording
 from phalanx.scenarios.own import mistakes_in
 from phalanx.world.scenarios.play import STEP_S, run_scenario
@@ -84,7 +84,7 @@ async def _served(port: int, fill: Callable[[Put, Callable[[], None]], object]) 
         except BaseException as error:  # noqa: BLE001 - also errors of a user's file: raised in the main thread
             loop.call_soon_threadsafe(filled.set_exception, error)
 
-    async with beside(ViewPages(port)) as pages:
+    async with serve_in_thread(ViewPages(port)) as pages:
         click.echo(f"http://{LOOPBACK}:{pages.port}/")
         talk("open this address in a browser on this machine; Ctrl-C ends it")
         threading.Thread(target=work, args=(pages.put,), name="run", daemon=True).start()

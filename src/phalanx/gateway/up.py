@@ -25,7 +25,7 @@ from phalanx.net.ports import EVERYWHERE, LOOPBACK, free_port, lan_address, retr
 from phalanx.net.seats import raise_file_limit
 from phalanx.net.session_broker import SessionBroker
 from phalanx.net.session_store import LinkKeys
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
 from phalanx.wire.sessions import LINK_PATH
@@ -188,7 +188,7 @@ async def up(
         if desk:
             running.desk.slow |= requests_of(desk)
         operators = OperatorPages(token, running, options.operator_port)
-        operator = await stack.enter_async_context(beside(operators))
+        operator = await stack.enter_async_context(serve_in_thread(operators))
         operator_url = f"http://{LOOPBACK}:{operator.port}/#token={token}"
         stack.enter_context(kept.publish_operator_url(operator_url))
         started(running)

@@ -104,7 +104,7 @@ Begins = Callable[[asyncio.subprocess.Process], Awaitable[None]]
 
 
 @contextlib.asynccontextmanager
-async def kept(
+async def supervise_child(
     name: str, child: Callable[[], Child], serves: Probe, begins: Begins | None = None
 ) -> AsyncIterator[None]:
     """Keep a child running; `begins`, if given, waits until it serves. Raises: Unavailable: it does not start."""

@@ -143,7 +143,7 @@ class Seats(Generic[Who]):
         if not self._guests.heard(who):
             self._known.heard(who)
 
-    def know(self, who: Who) -> None:
+    def mark_known(self, who: Who) -> None:
         """Mark a connection as known, so that strangers do not evict it."""
         if self._guests.drop(who):
             self._known.add(who)

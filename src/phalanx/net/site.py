@@ -116,7 +116,7 @@ class Site:
 
     def know(self, request: web.Request) -> None:
         """Protect the seat of this request's connection from being given to strangers."""
-        self._seats.know(connection_of(request))
+        self._seats.mark_known(connection_of(request))
 
     async def _index(self, _: web.Request) -> web.StreamResponse:
         index = self._folder / "index.html"
@@ -237,7 +237,7 @@ async def _for_this_machine_only(_: web.Request) -> web.StreamResponse:
 
 
 @contextlib.asynccontextmanager
-async def beside(pages: Served) -> AsyncIterator[Served]:
+async def serve_in_thread(pages: Served) -> AsyncIterator[Served]:
     """Serve a site by an event loop in a separate thread while the context lasts."""
     runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
     loop = runner.get_loop()

@@ -141,7 +141,7 @@ class FrontSite(Site):
             self.app.router.add_get(root, InMemory(index) if index.is_file() else self._index)
 
     def _admitted(self, connection: Connection) -> None:
-        self._seats.know(connection)
+        self._seats.mark_known(connection)
         self._charge(connection.place, -self._limits.given_back)
         self._requests.charge(connection.place, -self._limits.given_back)
 
