@@ -188,7 +188,7 @@ class SessionConnection:
                 case Transmit() if self._way:
                     await self._way.send(event)
                 case SetTopics(topics) if self._way:
-                    await self._way.hear(topics)
+                    await self._way.set_topics(topics)
                 case KeepSecret(secret, lifetime_s):
                     await self._keep(secret, lifetime_s)
                 case Ended(why):

@@ -40,7 +40,7 @@ class ClientTransport(Protocol):
     async def send(self, message: Transmit) -> None:
         """Send a message. Raises: CONNECTION_ERRORS."""
 
-    async def hear(self, topics: tuple[str, ...]) -> None:
+    async def set_topics(self, topics: tuple[str, ...]) -> None:
         """Set the topics to receive from to exactly these."""
 
     async def close(self) -> None:
@@ -86,7 +86,7 @@ class WebsocketTransport:
         assert self._socket is not None, "it is entered first"
         await self._socket.send_bytes(message.data)
 
-    async def hear(self, topics: tuple[str, ...]) -> None:
+    async def set_topics(self, topics: tuple[str, ...]) -> None:
         """Do nothing: there are no topics here."""
 
     async def close(self) -> None:
@@ -132,7 +132,7 @@ class BrokerTransport:
         if not await self._link.send((Publish(f"{self._root}/{message.topic}", message.data),)):
             raise ConnectionError("the broker is unreachable")
 
-    async def hear(self, topics: tuple[str, ...]) -> None:
+    async def set_topics(self, topics: tuple[str, ...]) -> None:
         """Set the subscriptions to exactly these topics; a reconnect repeats those that failed."""
         wanted, before = tuple(f"{self._root}/{each}" for each in topics), self._topics
         self._topics = wanted

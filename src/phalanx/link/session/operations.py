@@ -57,7 +57,7 @@ class Operations:
         """Admit a visitor that waits for approval. Raises: UsageError: no such visitor."""
         known = self._server.visitors.change(replace(self._known(visitor), waiting=False))
         self._server.assignment.arrive(known, now.ms)
-        return [*self._server.tell(visitor, *self._server.updates.epochs()), *self._server.standings(now)]
+        return [*self._server.send_to_visitor(visitor, *self._server.updates.epochs()), *self._server.standings(now)]
 
     def set_role(self, visitor: int, role: Role, now: Now) -> list[ServerEvent]:
         """Set a visitor's role to WATCH or DRIVE. Raises: UsageError: no such visitor, or the role is OPERATE."""

@@ -151,7 +151,7 @@ class SessionServer:
 
     def reply(self, visitor: int, number: int, payload: bytes) -> list[ServerEvent]:
         """Answer a request. Raises: UsageError: it is too long."""
-        return self.tell(visitor, Reply(number, payload))
+        return self.send_to_visitor(visitor, Reply(number, payload))
 
     def accept(self, command: Commanded, now: Now) -> list[ServerEvent]:
         """Take or renew the lease for a command that was carried out."""
@@ -163,9 +163,9 @@ class SessionServer:
 
     def refuse(self, visitor: int, number: int, reason: Reason) -> list[ServerEvent]:
         """Refuse a request, or with number 0 a command."""
-        return self.tell(visitor, Refused(number, reason))
+        return self.send_to_visitor(visitor, Refused(number, reason))
 
-    def tell(self, visitor: int, *messages: FromServer) -> list[ServerEvent]:
+    def send_to_visitor(self, visitor: int, *messages: FromServer) -> list[ServerEvent]:
         """Send messages to a visitor, if it is connected."""
         connection = self.connections.of_visitor(visitor)
         return self.connections.seal(connection, *messages) if connection and connection.channel.is_open else []
