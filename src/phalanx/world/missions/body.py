@@ -190,7 +190,7 @@ class MissionBody:
             return ()
         return camera.look(self.wheels.pose, self._random, people, self._turn_radps)
 
-    def obey(self, command: bytes) -> None:
+    def execute_command(self, command: bytes) -> None:
         """Execute a command; ignore bytes that are not a valid one."""
         if len(command) == DRIVE.size and command[0] == KIND_DRIVE:
             *_, speed, turn = DRIVE.form.unpack(command)

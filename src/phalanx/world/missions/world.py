@@ -240,7 +240,7 @@ class MissionWorld:
         was_over = robot.controller.over
         for action in inner.on_reading(now_ms, reading):
             if isinstance(action, Actuate):
-                robot.body.obey(action.command)
+                robot.body.execute_command(action.command)
             else:
                 pybot.perform(self.world, i, now_ms, [action])
         if not was_over:
