@@ -262,15 +262,15 @@ def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: f
         return False
     if not guard_law.clear_of_walls(params, now, ax, ay):
         return False
-    next_x, next_y, last_x, last_y, spread, bulge, stands_s = guard_law.way(params, now, ax, ay)
+    next_x, next_y, last_x, last_y, spread, bulge, stands_s = guard_law.planned_path(params, now, ax, ay)
     for at in range(HEAD_BYTES, size(state), EACH_BYTES):
         there_x, there_y, near = _reach(params, t_ms, state, at, params[guard_law.HELD_S])
         near += bulge
-        if guard_law.past(there_x, there_y, x, y, next_x, next_y) < near * near:
+        if guard_law.squared_distance_to_segment(there_x, there_y, x, y, next_x, next_y) < near * near:
             return False
         there_x, there_y, far = _reach(params, t_ms, state, at, stands_s)
         far += spread
-        if guard_law.past(there_x, there_y, next_x, next_y, last_x, last_y) < far * far:
+        if guard_law.squared_distance_to_segment(there_x, there_y, next_x, next_y, last_x, last_y) < far * far:
             return False
     return True
 
