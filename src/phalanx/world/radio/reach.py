@@ -35,7 +35,7 @@ class Reach(NamedTuple):
     range_m: float  # radio range, metres, inclusive
     skin_m: float  # extra distance of candidates; 0 sorts the robots again after every movement
     at: F64x2  # (N, 2), current positions, metres
-    looks: I64x1  # (1,), number of calls of `rebuild`
+    rebuild_count: I64x1  # (1,), number of calls of `rebuild`
     listed: I64x1  # (N,), value of `looks` when a robot's list was last filtered
     end: I64x1  # (N,), end of each robot's list
     ids: I32x1  # (room,)
@@ -72,7 +72,7 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
         range_m=float(range_m),
         skin_m=float(skin * range_m),
         at=np.zeros((robots, 2)),
-        looks=np.zeros(1, np.int64),
+        rebuild_count=np.zeros(1, np.int64),
         listed=np.zeros(robots, np.int64),
         end=np.zeros(robots, np.int64),
         ids=np.zeros(room, np.int32),
@@ -109,14 +109,14 @@ def rebuild(reach: Reach, pos: F64x2) -> int:
             reach.sorted_at[:] = np.nan
     for i in range(len(pos)):
         reach.at[i, 0], reach.at[i, 1] = pos[i, 0], pos[i, 1]
-    reach.looks[0] += 1
+    reach.rebuild_count[0] += 1
     return found  # type: ignore[no-any-return]
 
 
 @kernel
 def in_range(reach: Reach, i: int) -> int:
     """Return the end of robot i's neighbour list, which begins at `near[i]` of `ids` and `square`."""
-    if reach.listed[i] == reach.looks[0]:
+    if reach.listed[i] == reach.rebuild_count[0]:
         return reach.end[i]  # type: ignore[no-any-return]
     pos, end = reach.at, reach.near[i]
     limit = reach.range_m * reach.range_m
@@ -128,7 +128,7 @@ def in_range(reach: Reach, i: int) -> int:
             reach.ids[end] = k
             reach.square[end] = square
             end += 1
-    reach.listed[i] = reach.looks[0]
+    reach.listed[i] = reach.rebuild_count[0]
     reach.end[i] = end
     return end  # type: ignore[no-any-return]
 
