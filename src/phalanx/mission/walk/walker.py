@@ -113,7 +113,7 @@ class Walker:
         nothing = Find(state.keys, None, None, Reason.NOTHING_SENSED, 0)
         return self._walked(state, seen, self.pose_from_known(state, seen), nothing)
 
-    def hear(self, state: State, message: bytes) -> State:
+    def receive(self, state: State, message: bytes) -> State:
         """Return the state after an encoded message was received."""
         return replace(state, heard=self._heard(state, (message,)))
 

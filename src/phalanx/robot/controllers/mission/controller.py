@@ -193,7 +193,7 @@ class MissionController(EvidenceController):
         """Store an encoded message, and ignore other packets."""
         if len(packet) == table.MISSION_MESSAGE.size and packet[0] == table.KIND_MISSION_MESSAGE:
             message = packet[-SECRET_BYTES:]
-            self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
+            self.memory = replace(self.memory, walk=self.walker.receive(self.memory.walk, message))
 
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> list[Output]:
         """Advance the walk by a step, and return commands and messages."""
