@@ -1,6 +1,7 @@
 """HTTP server for a page: limits of connections and requests, and security headers.
 
-The operator's page has an event loop of its own (`beside`), so that a busy gateway does not delay an emergency stop.
+The operator's page has an event loop of its own (`serve_in_thread`), so that a busy gateway does not delay an
+emergency stop.
 The visitors' page, which strangers reach, has a process of its own (`front`): in a thread of the gateway, a few clients
 with endless requests delayed a third of all commands.
 """

@@ -1,6 +1,6 @@
 """Calls to test a controller with: those of a simulated run, then malformed packets, advice and sensor readings.
 
-During a call the controller must not loop forever, sleep, start a thread or open a file; `watched` detects that.
+During a call the controller must not loop forever, sleep, start a thread or open a file; `watch_call` detects that.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Reach(NamedTuple):
     skin_m: float  # extra distance of candidates; 0 sorts the robots again after every movement
     at: F64x2  # (N, 2), current positions, metres
     rebuild_count: I64x1  # (1,), number of calls of `rebuild`
-    listed: I64x1  # (N,), value of `looks` when a robot's list was last filtered
+    listed: I64x1  # (N,), value of `rebuild_count` when a robot's list was last filtered
     end: I64x1  # (N,), end of each robot's list
     ids: I32x1  # (room,)
     square: F32x1  # (room,), squared distance of each neighbour, m²
