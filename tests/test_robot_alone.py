@@ -42,7 +42,7 @@ from phalanx.daemon.life import Life
 from phalanx.daemon.proofs import NOBODY, count_signed_messages
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
-from phalanx.daemon.state import told as fuse_matches
+from phalanx.daemon.state import read_state as fuse_matches
 from phalanx.daemon.trusted import check_may_have_key, connect_nodes, provision_keys
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.scorecard.card import write_csv

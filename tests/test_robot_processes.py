@@ -24,7 +24,7 @@ from phalanx.config import BtiConfig, RadioConfig
 from phalanx.daemon.evidence import read_robot_log
 from phalanx.daemon.proofs import check_proofs, unsealed
 from phalanx.daemon.settings import read_robot
-from phalanx.daemon.state import told
+from phalanx.daemon.state import read_state
 from phalanx.daemon.trusted import connect_nodes, provision_keys, start
 from phalanx.net.keyring import create, open_keyring
 from phalanx.net.mission_key import encode_mission_key_file, read_board, read_mission_key
@@ -227,7 +227,7 @@ def test_a_daemon_that_is_killed_is_named_and_is_none_of_the_correct(tmp_path, a
             assert time.monotonic() < until_s
             time.sleep(0.05)
         time.sleep(1)
-        os.kill(told(keep / "robot-4.json")["pid"], signal.SIGKILL)
+        os.kill(read_state(keep / "robot-4.json")["pid"], signal.SIGKILL)
         out, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert "phalanx: error: robot 4 was killed by SIGKILL, within " in err
@@ -380,7 +380,7 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
             assert body.commanded()["id"] == body.commanded()["id"] == 2  # at the second, the first is on disk
             state = tmp_path / "robot-2.json"
             assert state.stat().st_mode & 0o777 == 0o600
-            assert told(state)["pid"] == robot.pid
+            assert read_state(state)["pid"] == robot.pid
             os.kill(robot.pid, signal.SIGKILL)
             until_s = time.monotonic() + 60
             while body.told():  # to its motors' socket's end
