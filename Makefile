@@ -204,6 +204,7 @@ test-waits-alone: test-waits
 	@$(MAKE) --no-print-directory test-alone
 
 check-long: setup-dev .venv/ros2 .venv/zig
+	cd web && npm run --silent lint:long
 	$(BIN)/python -m pytest --durations=10 -m long
 
 coverage: setup-dev .venv/coverage

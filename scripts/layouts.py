@@ -18,6 +18,7 @@ from phalanx.world.scenarios.run import Run
 RANGE_M = 116.0  # of the paper's radio
 STEP_S = 0.05
 RELAYED_NEAR = 10  # robots that hear the relayed HELLO, beside f_max
+COLUMN_S = 25.0  # until it has passed
 
 Places = Callable[[float], NDArray[np.float64]]
 
@@ -107,6 +108,21 @@ def carousel(f_max: int, seed: int, speed_mps: float) -> Layout:
     return Layout(at)
 
 
+def column(f_max: int, seed: int, speed_mps: float) -> Layout:
+    """Return a robot and a column that pass each other: f_max + 2 are always in range, each for range / (2 speed)."""
+    chance = np.random.default_rng([seed, 8])
+    chord_m = RANGE_M
+    step_m, aside_m = chord_m / (f_max + 2.05), math.sqrt(RANGE_M**2 - (chord_m / 2) ** 2)
+    n, off_m = f_max + 12 + math.ceil(2 * speed_mps * COLUMN_S / step_m), chance.uniform(0, 1)
+
+    def at(t_s: float) -> NDArray[np.float64]:
+        x_m = chord_m / 2 + (1 + off_m - np.arange(n)) * step_m + speed_mps * t_s
+        robots = np.column_stack([x_m, np.full(n, aside_m)])
+        return np.concatenate([[[-speed_mps * t_s, 0.0]], robots])
+
+    return Layout(at)
+
+
 def waypoints(f_max: int, seed: int, speed_mps: float) -> Layout:
     """Return robots that drive from one random position to the next."""
     chance = np.random.default_rng([seed, 6])
@@ -131,7 +147,7 @@ def _still(places: NDArray[np.float64]) -> Layout:
 
 
 LAYOUTS: dict[str, Callable[[int, int, float], Layout]] = {
-    each.__name__: each for each in (hidden, relayed, groups, convoy, carousel, waypoints)
+    each.__name__: each for each in (hidden, relayed, groups, convoy, carousel, column, waypoints)
 }
 
 

@@ -203,7 +203,7 @@ def test_the_page_of_this_machine_makes_a_tablet_an_operators(browser, gateway, 
     with a_page(browser, **DESK) as desk, a_page(browser, **TABLET) as tablet:
         desk.goto(ready["operator_url"])
         desk.get_by_test_id("tablet").click()
-        desk.get_by_text("Whoever scans this is an operator").wait_for()
+        desk.get_by_text("Whoever scans this code becomes an operator").wait_for()
         assert not barriers_in_both_schemes(desk)
         desk.locator(".tablet").screenshot(path=tmp_path / "tablet.png")
         tablet.goto(insecure(qr_in(tmp_path / "tablet.png")))

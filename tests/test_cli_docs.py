@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -22,8 +23,9 @@ def is_command(node):
     return isinstance(node, ast.FunctionDef) and any("command" in ast.dump(each) for each in node.decorator_list)
 
 
+@cache
 def messages(path):
-    """Yield every string of a module that users may see: all but the docstrings of what is no command."""
+    """Return every string of a module that users may see: all but the docstrings of what is no command."""
     tree = ast.parse(path.read_text())
     docstrings = {
         id(node.body[0].value)
@@ -32,9 +34,8 @@ def messages(path):
         and isinstance(node.body[0], ast.Expr)
         and not is_command(node)
     }
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
-            yield node.value
+    strings = (each for each in ast.walk(tree) if isinstance(each, ast.Constant) and isinstance(each.value, str))
+    return [each.value for each in strings if id(each) not in docstrings]
 
 
 @pytest.fixture(params=["clone", "wheel"])

@@ -193,7 +193,7 @@ class TestUp:
         assert ended.returncode == 1
         error, hint = ended.stderr.splitlines()
         assert error == "phalanx: error: no broker at mqtt://127.0.0.1:1 within 2 s (connection refused)"
-        assert hint.startswith("phalanx: hint: phalanx doctor")
+        assert "phalanx doctor" in hint
 
     @pytest.mark.parametrize(("held", "connected"), [(False, True), (True, True), (True, False)])
     async def test_the_status_line_fits_a_small_terminal(self, monkeypatch, held, connected):
@@ -317,7 +317,7 @@ def test_ports_that_are_taken_are_told_in_one_line_each():
         moved = called("up", "--events", "--defence", "none", "--duration", "0.1")
         assert moved.returncode == 0
         (line,) = moved.stderr.splitlines()
-        assert re.fullmatch(r"phalanx: warning: \S+ port 8080 is in use: \d+ is taken instead", line)
+        assert re.fullmatch(r"phalanx: warning: \S+ port 8080 is in use: using \d+ instead", line)
         for option, words in (("--port", ()), ("--operator-port", ("--port", "0"))):
             refused = called("up", "--events", "--defence", "none", option, taken, *words)
             assert (refused.returncode, refused.stdout) == (1, "")

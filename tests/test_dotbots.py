@@ -363,7 +363,7 @@ class TestUp:
     def test_what_real_robots_cannot_be_told_is_refused(self, phalanx, more):
         code, _, err = phalanx("up", "--swarm", "dotbot://127.0.0.1:1", *more)
         assert code in (1, 2)
-        assert f"--swarm and {more[0]}" in err
+        assert f"--swarm with {more[0]}" in err
 
 
 def driver_of(tmp_path, where, mission="controller: wheels\nrobots: 3\n"):

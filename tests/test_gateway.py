@@ -259,7 +259,7 @@ class TestGateway:
                 await eventually(lambda: swarm.fails == 0)
                 await stands_still(swarm)
             assert not any(job.done() for job in jobs)
-            assert "trying again" in caplog.text
+            assert "retrying" in caplog.text
             for job in jobs:
                 job.cancel()
 

@@ -68,7 +68,7 @@ async def test_an_operator_manages_visitors_from_a_terminal():
             assert await asked("assign", "ada", "--none") == {"visitor": ada.visitor, "name": "Ada", "robot": ""}
             await eventually(lambda: ada.standing.robot == "")
 
-            assert (await link("approve", str(bob.visitor), "--watch"))[:2] == (0, "Bob is in, as watcher\n")
+            assert (await link("approve", str(bob.visitor), "--watch"))[:2] == (0, "Bob admitted as watcher\n")
             await eventually(lambda: bob.standing.role is Role.WATCH)
             assert (await asked("approve", "Bob", "--drive"))["approved"][0]["role"] == "drive"
             await eventually(lambda: bob.standing.role is Role.DRIVE)

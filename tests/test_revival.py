@@ -79,7 +79,7 @@ def test_by_hand_and_by_itself_at_a_gateway(tmp_path):
         assert asked(ready, "compromise", hijack)[0] == 200
         assert up.wait_for("safe_mode")["address"] == robot["address"]
         done = revive(robot["name"], state)
-        assert (done.returncode, "begins anew" in done.stdout) == (0, True), done.stderr
+        assert (done.returncode, "restarts" in done.stdout) == (0, True), done.stderr
         assert up.wait_for("revived")["address"] == robot["address"]
         wait_until(lambda: not state_of(ready)["shields"]["robots"][robot["address"]]["safe_mode"], 60)
         assert state_of(ready)["shields"]["robots"][robot["address"]]["lie"] is None

@@ -124,7 +124,9 @@ class Robot:
             time.sleep(0.001)
 
     def status(self) -> str:
-        return next(line for line in run("robot", "status", str(self.path)).stdout.splitlines() if line[:3] == "is ")
+        return next(
+            line for line in run("robot", "status", str(self.path)).stdout.splitlines() if line.startswith("state")
+        )
 
     def ends(self, within_s: float) -> tuple[int, str]:
         code = self.process.wait(within_s)

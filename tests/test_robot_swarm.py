@@ -210,7 +210,7 @@ class TestFile:
     def test_real_robots_are_as_many_as_they_are(self, file):
         ended = called("up", "--swarm", str(file), "--robots", "4")
         assert ended.returncode == 2
-        assert "--swarm and --robots" in ended.stderr
+        assert "--swarm with --robots" in ended.stderr
 
 
 class TestSwarm:

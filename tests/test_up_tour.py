@@ -55,5 +55,5 @@ async def test_a_stop_outlives_an_act_and_each_act_says_what_it_shows(monkeypatc
     joined = [event for event in events if event["event"] == "joined"]
     assert joined[0]["name"] == "Tour"
     assert any(event["event"] == "compromised" for event in events)
-    for said in ("A visitor drives", "landmarks", "lies now"):
+    for said in ("A visitor drives", "landmarks", "is compromised now"):
         assert any(said in caption for caption in captions), said

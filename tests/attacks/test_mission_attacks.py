@@ -64,10 +64,13 @@ def was_not_harmed(robot: ErrandOutcome) -> None:
     assert robot.false_nodes == 0
 
 
-# Each against ours and, in turn, against one of the others; against the third when there is time.
+# Each against ours. An attack that does nothing would not be stopped, but it would be harmless: what ours does not stop
+# runs in turn against one of the others. The rest when there is time.
 TRIED = [
-    pytest.param(name, defence, marks=pytest.mark.long if defence == ("none", "paper")[i % 2] else ())
+    pytest.param(name, defence, marks=() if defence in needed else pytest.mark.long)
     for i, name in enumerate(WALKED)
+    for stopped in [ON_MISSIONS[name].verdicts["hardened"] == "stopped"]
+    for needed in [{"hardened"} if stopped else {"hardened", ("paper", "none")[i % 2]}]
     for defence in DEFENCES
 ]
 

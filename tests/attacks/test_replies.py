@@ -49,7 +49,7 @@ def test_robots_that_drive_from_place_to_place_lose_some_as_printed_and_none_tha
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("layout", ["groups", "convoy", "carousel", "waypoints"])
+@pytest.mark.parametrize("layout", ["groups", "convoy", "carousel", "column", "waypoints"])
 @pytest.mark.parametrize("f_max", [1, 3])
 def test_no_robot_that_drives_as_fast_as_promised_is_lost(promises, layout, f_max):
     assert [stopped(promises, layout, f_max, seed) for seed in range(4)] == [[]] * 4

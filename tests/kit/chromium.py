@@ -104,7 +104,8 @@ def barriers(page, *rules: str) -> list[str]:
 
     Of all rules, or of these alone.
     """
-    page.evaluate("source => { if (!window.axe) window.eval(source); }", AXE.read_text())
+    if not page.evaluate("'axe' in window"):
+        page.evaluate("source => void window.eval(source)", AXE.read_text())
     asked = {"resultTypes": ["violations"]} | ({"runOnly": [*rules]} if rules else {})
     found = page.evaluate("asked => axe.run(document, asked)", asked)["violations"]
     return [f"{each['id']}: {node['html'][:120]}" for each in found for node in each["nodes"]]
@@ -130,11 +131,9 @@ def pixels(page, layer: int, name: str) -> int:
 
 def qr_in(picture: Path) -> str:
     """Return what the QR code of a screenshot says."""
-    import matplotlib.image
     import numpy as np
     import zxingcpp
+    from PIL import Image
 
-    pixels = matplotlib.image.imread(picture)
-    grey = (pixels[..., :3].mean(axis=-1) * 255).astype(np.uint8)
-    (found,) = zxingcpp.read_barcodes(np.ascontiguousarray(grey))
+    (found,) = zxingcpp.read_barcodes(np.asarray(Image.open(picture).convert("L")))
     return found.text

@@ -10,6 +10,7 @@ let answers: (() => Promise<Json>)[] = [];
 const away = () => Promise.reject(new Unanswered("not connected"));
 const link = {
   transport: {
+    visit: { stage: "here" },
     ask: (what: string) => {
       asked.push(what);
       return (answers.shift() ?? away)();

@@ -116,7 +116,7 @@ export const visitor: typeof en.visitor = {
   drive: "Steuern",
   stopRoute: "Route stoppen",
   clearTrail: "Spur löschen",
-  tapOne: "Tippe einen auf der Karte an, oder wähle ihn hier.",
+  tapOne: "Tippe einen Roboter auf der Karte an, oder wähle hier.",
   stopped: "gestoppt",
   notHeard: "eine Weile kein Signal",
   lost: "verloren",
@@ -233,7 +233,7 @@ export const operator: typeof en.operator = {
   noAnswer: "keine Antwort",
   lastHeard: (time) => ` · zuletzt gehört vor ${time}`,
   needsALink: "Diese Seite braucht einen Code oder Link der Leitung",
-  notValid: "Der, mit dem sie geöffnet wurde, gilt nicht oder ist verbraucht.",
+  notValid: "Der Code, mit dem diese Seite geöffnet wurde, gilt nicht oder ist verbraucht.",
   over: {
     removed: "Jemand anders von der Leitung hat diese Seite entfernt.",
     too_many: "Zu viele Verbindungen von dieser Adresse auf einmal.",
@@ -291,7 +291,7 @@ export const operator: typeof en.operator = {
   hideTheCode: "Code verbergen",
   tabletCode: "Code für ein Tablet der Leitung",
   tabletQrCode: "QR-Code, der ein Tablet zur Leitung macht",
-  whoScansIsOperator: "Wer das scannt, gehört zur Leitung.",
+  whoScansIsOperator: "Wer diesen Code scannt, gehört zur Leitung.",
   oneTablet: "Ein Tablet, innerhalb von zehn Minuten.",
 
   visitors: "Besucher",
@@ -301,7 +301,7 @@ export const operator: typeof en.operator = {
   openTheDoor: "Tür öffnen",
   everybodyOut: "Alle hinaus",
   reallyEverybody: "Wirklich alle?",
-  nobodyYet: "Noch niemand. Der Code wartet.",
+  nobodyYet: "Noch keine Besucher.",
   visitorsAndRoles: "Besucher und was sie dürfen",
   name: "Name",
   role: "Rolle",
@@ -442,7 +442,7 @@ export const operator: typeof en.operator = {
 
   terms: {
     mode: "Wie Besucher hereinkommen. session: Der Code lässt sie herein, danach hat jeder eigene Schlüssel. qrkey: Alle teilen den Schlüssel des Codes; niemand kann entfernt werden.",
-    code: "Er enthält ein Geheimnis, das Neue hereinlässt. Er wechselt ab und zu; der vorige gilt noch zwei Minuten.",
+    code: "Der Code enthält ein Geheimnis, das Neue hereinlässt. Er wechselt ab und zu; der vorige Code gilt noch zwei Minuten.",
     newCode: "Der vorige Code gilt sofort nicht mehr, auch wenn ihn jemand schon gescannt hat, aber noch nicht mitmacht. Wer mitmacht, bleibt.",
     sharedCode: "Wechselt den Code sofort. Niemand wird abgemeldet: Handys, die dabei sind, bekommen den neuen. Im Modus qrkey kann niemand entfernt werden.",
     room: "Für Besucher ohne Kamera: Sie öffnen die Adresse und tippen diese Ziffern ein. Jeder Raumcode lässt einen Besucher herein, dann kommt ein neuer. Haben Fremde die 120 Versuche verbraucht, dann verbirg ihn und zeige einen neuen.",
@@ -494,7 +494,7 @@ export const operator: typeof en.operator = {
   compiling: "Übersetze…",
   compilingLocks: (done, of) => `Übersetze: ${done} von ${of} Schlössern`,
   changedSince: "Seit dem Übersetzen geändert: Übersetze neu.",
-  runsOnRobots: (n, of) => `Die Roboter stehen am Start und führen sie aus: ${n} von ${of} entschlüsselt.`,
+  runsOnRobots: (n, of) => `Die Roboter stehen am Start und führen die Mission aus: ${n} von ${of} Knoten entschlüsselt.`,
   sent: "Gesendet.",
   compiledBut: (look, more) => `Übersetzt, aber sieh nach: ${look}${more > 0 ? ` (und ${more} weitere unten)` : ""}`,
   compiled: "Übersetzt. Senden stellt die Roboter an den Start und beginnt die Mission.",

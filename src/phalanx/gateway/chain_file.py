@@ -89,7 +89,7 @@ class ChainFile:
         aside = self._path.with_name(f"{self._path.stem}-{time.time_ns()}{self._path.suffix}")
         self._path.rename(aside)
         os.close(self._file)
-        log.warning("%s %s: renamed to %s, and a new file is started", self._path, why, aside.name)
+        log.warning("the trail %s %s; renamed it to %s and started a new file", self._path, why, aside.name)
         self._file, self._size, self._top = _open(self._path, os.O_APPEND), 0, FIRST
         self.found = "moved_aside", {"file": aside.name}
 

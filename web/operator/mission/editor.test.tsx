@@ -97,8 +97,8 @@ describe("the mission editor", () => {
     answers["job"] = () => COMPILED;
     await pass(300);
     expect(part("audit")?.textContent).toContain("door1too near2782.78 s9.93 ms–170 ms");
-    expect(part("audit")?.textContent).toContain("All that can be guessed, at mostnothingnothing");
-    expect(part("audit")?.textContent).toContain("likewise, with the map1.02 min500 ms");
+    expect(part("audit")?.textContent).toContain("All readable nodes, at mostnothingnothing");
+    expect(part("audit")?.textContent).toContain("same, with the map1.02 min500 ms");
     expect(part("audit")?.textContent).toContain("door1: the building shows no such landmark");
     await press("send");
     expect(asked.at(-1)?.words).toEqual({ id: COMPILED.id });
@@ -112,7 +112,7 @@ describe("the mission editor", () => {
     await open({ id: "ab", name: "through", nodes: 2, left: 1, completed: 0 });
     expect((part("mission-name") as HTMLInputElement).value).toBe("through");
     expect(part("nodes")?.querySelectorAll("li")).toHaveLength(1);
-    expect(part("mission-status")?.textContent).toContain("carry it out: 1 of 2 decoded");
+    expect(part("mission-status")?.textContent).toContain("carry out the mission: 1 of 2 nodes decoded");
     await act(async () => part("nodes")?.querySelector<HTMLButtonElement>("li button")?.click());
     expect(part("mission-status")?.textContent).toContain("Compiling turns every landmark");
   });
@@ -138,7 +138,7 @@ describe("the mission editor", () => {
     answers["job"] = () => fine;
     await press("compile");
     await pass(300);
-    expect(part("mission-status")?.textContent).toContain("Compiled. Send puts");
+    expect(part("mission-status")?.textContent).toContain("Compiled. Send places");
     answers["job"] = () => ({ ...fine, audit: { ...fine.audit, nodes: [{ ...ROW, problems: [], infeasible: ["too far"] }] } });
     await press("compile");
     await pass(300);
@@ -150,7 +150,7 @@ describe("the mission editor", () => {
     const trouble = () => part("mission-trouble")?.textContent;
     for (const [what, answer, said] of [
       ["compile", () => ({ error: "no such profile", hint: "sealed or paper" }), "no such profileHint: sealed or paper"],
-      ["compile", () => Promise.reject(new UsageError("too long")), "The mission is too long for this page.Hint: phalanx mission build takes it"],
+      ["compile", () => Promise.reject(new UsageError("too long")), "The mission is too long for this page.Hint: use phalanx mission build"],
       ["compile", () => Promise.reject(new Unanswered("no answer")), "The gateway does not answer."],
       ["job", () => ({ state: "failed", error: "no start", hint: "mark one" }), "no startHint: mark one"],
       ["job", () => ({ state: "compiled" }), "Gateway and page are of different versions.Hint: reload this page"],

@@ -261,7 +261,7 @@ async def _site(session: aiohttp.ClientSession) -> bytes:
             raise _Answered(SITE, answer.status)
         site = await answer.content.read(LONGEST_SITE_BYTES)
         if not answer.content.at_eof():
-            raise TooLarge(f"a site of more than {LONGEST_SITE_BYTES} bytes")
+            raise TooLarge(f"it sent a site of more than {LONGEST_SITE_BYTES} bytes")
         return site
 
 
@@ -277,7 +277,7 @@ async def _text(socket: aiohttp.ClientWebSocketResponse) -> str:
     if said.type is aiohttp.WSMsgType.TEXT:
         return str(said.data)
     if isinstance(said.data, aiohttp.WebSocketError) and said.data.code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG:
-        raise TooLarge(f"a message of more than {LONGEST_BYTES} bytes")
+        raise TooLarge(f"it sent a message of more than {LONGEST_BYTES} bytes")
     raise ConnectionResetError
 
 

@@ -96,7 +96,9 @@ def inspect() -> None:
 
 @mission.command(epilog="Example: phalanx mission verify office.phxm --trust operator.pub --robot 7")
 @file_argument
-@option("--trust", help="Public key: 64 hex digits or a PEM file; repeatable.", multiple=True, metavar="KEY")
+@option(
+    "--trust", help="Accept this signer's key: 64 hex digits or a PEM file; repeatable.", multiple=True, metavar="KEY"
+)
 @option("--robot", help="Also check that this robot may run it.", type=click.IntRange(0, 65_535))
 @option("--at", "now_s", help="Time to check for, in seconds on the mission's clock. Default: now.", type=float)
 @options.json_option

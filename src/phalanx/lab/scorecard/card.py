@@ -62,7 +62,10 @@ def lines(rows: Iterable[Mapping[str, Any]]) -> list[Line]:
     of: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for (protocol, attack, defence, _), row in newest.items():
         if defence not in DEFENCES:
-            raise UsageError(f"a saved run has defence {defence!r}", f"{did_you_mean(defence, DEFENCES)}sweep again")
+            raise UsageError(
+                f"a saved run has the unknown defence {defence!r}",
+                f"{did_you_mean(defence, DEFENCES)}run the sweep again in another folder",
+            )
         of.setdefault((protocol, attack, defence), []).append(row)
     order = {name: place for place, name in enumerate(known_attacks())}
     protocols = list(dict.fromkeys(protocol for protocol, _, _ in of))

@@ -211,7 +211,7 @@ class SessionClient:
         message = decode_from_server(content)
         # Delivered late, these would undo newer messages of the server.
         if isinstance(message, NewSecret | Standing) and not in_order:
-            raise Unexpected("an old record after newer ones")
+            raise Unexpected("the server's record is older than ones already read")
         return self._read(message)
 
     def _read(self, message: FromServer) -> list[ClientEvent]:

@@ -45,7 +45,7 @@ class Invitation:
     def __post_init__(self) -> None:
         if not self.broker:
             if self.root or self.mqtt:
-                raise BadInvitation("a root or MQTT version without a broker")
+                raise BadInvitation("it names a topic root or an MQTT version, but no broker")
             return
         if self.secret.kind is Kind.ROOM:
             raise BadInvitation("a room code with a broker")

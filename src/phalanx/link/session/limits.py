@@ -118,9 +118,9 @@ class RoomCodeAttempts:
             self._tries.popleft()
         self._of_code = min(self._of_code, len(self._tries))
         if self._of_code >= self._config.room_tries:
-            raise TriesUsedUp("room codes, from all addresses")
+            raise TriesUsedUp("too many attempts at room codes, from all addresses together")
         if sum(each == address for _, each in self._tries) >= self._config.room_tries_per_address:
-            raise TriesUsedUp("room codes, from this address")
+            raise TriesUsedUp("too many attempts at room codes from this address")
         self._tries.append((now_ms, address))
         self._of_code += 1
 

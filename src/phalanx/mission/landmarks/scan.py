@@ -59,7 +59,10 @@ class LaserScan:
                 "use counter-clockwise beams, at most one turn",
             )
         if not 0 <= self.range_min_m < self.range_max_m <= FARTHEST_M:
-            raise UsageError(f"ranges of {self.range_min_m} to {self.range_max_m} m", "use 0 <= min < max, finite")
+            raise UsageError(
+                f"scan with ranges from {self.range_min_m} to {self.range_max_m} m",
+                "use 0 <= range_min_m < range_max_m",
+            )
         clip_ranges(ranges, float(self.range_min_m), float(self.range_max_m))
         ranges.setflags(write=False)
         object.__setattr__(self, "ranges_m", ranges)
