@@ -405,11 +405,11 @@ class TestAttack:
     @pytest.mark.parametrize(
         "words, complaint, hint",
         [
-            ("spoof:at=1,foo=bar", "no 'foo'", "strong, every, robot, at, until"),
-            ("spoof:stong=1", "no 'stong'", "did you mean strong?"),
+            ("spoof:at=1,foo=bar", "no option 'foo'", "strong, every, robot, at, until"),
+            ("spoof:stong=1", "no option 'stong'", "did you mean strong?"),
             ("spoof:strong=2", "strong=2", "0 or 1"),
-            ("spoof:strong=yes", "strong='yes'", "0 or 1"),
-            ("hijack:strong=1", "no 'strong'", "robot, at, until"),
+            ("spoof:strong=yes", "option strong of attack spoof is 'yes'", "0 or 1"),
+            ("hijack:strong=1", "no option 'strong'", "robot, at, until"),
         ],
     )
     def test_options_are_checked(self, phalanx, words, complaint, hint):
@@ -447,4 +447,4 @@ class TestFigures:
     def test_no_seeds(self, phalanx, tmp_path):
         code, _, err = phalanx("reproduce", "bti-fig8", "--seeds", "0", "--out", str(tmp_path))
         assert code == 2
-        assert "0 seeds" in err
+        assert "seeds 0" in err

@@ -172,7 +172,7 @@ def test_the_building_that_is_shown_is_built_from_and_run_in(tmp_path, monkeypat
     shown = {row[0] for row in table(page.read_text(), "key")}
     readers = floorplan.floorplan_of_yaml, floorplan.start_pose, floorplan.extraction_of, floorplan.sources_of
     reader = "".join(map(inspect.getsource, readers))
-    assert shown == set(re.findall(r'(?:words(?:\.get\(|\[)|\((?="[a-z]+", [A-Z]))"([a-z_]+)"', reader))
+    assert shown == set(re.findall(r'(?:content(?:\.get\(|\[)|\((?="[a-z]+", [A-Z]))"([a-z_]+)"', reader))
 
 
 def test_the_list_of_commands_names_every_command():

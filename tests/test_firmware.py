@@ -227,7 +227,7 @@ class TestKeys:
     def test_limits_that_make_no_sense_are_refused(self):
         Nodes(1, trusted.HARDENED, replace(LIMITS, f_max=15))
         for wrong in ({"f_max": 16}, {"batch_size": 0}, {"bucket_period_ms": 0}, {"t_val_ms": -1}, {"t_val_ms": 2**32}):
-            with pytest.raises(UsageError, match="limits"):
+            with pytest.raises(UsageError, match="limit"):
                 Nodes(1, trusted.HARDENED, replace(LIMITS, **wrong))
 
 

@@ -109,7 +109,7 @@ def test_what_makes_no_sense_is_refused_before_anything_is_lived(
 def test_another_table_is_not_written_to(script: ModuleType, tmp_path: Path) -> None:
     file = tmp_path / "m.csv"
     file.write_text("a,b\n1,2\n")
-    with pytest.raises(UsageError, match="no table of missions"):
+    with pytest.raises(UsageError, match="not a table of missions"):
         script.kept(file)
     assert file.read_text() == "a,b\n1,2\n"
 

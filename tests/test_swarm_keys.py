@@ -105,7 +105,7 @@ class TestMistakes:
             (("--robots", "3"), "--keys without audits"),
             (("--robots", "4", "--defence", "none"), "--keys without audits"),
             (("--mission", "office"), "--keys with --mission"),
-            (("--swarm", "robots.yaml"), "--swarm and --keys"),
+            (("--swarm", "robots.yaml"), "--swarm with --keys"),
             (("--robots", "4", "--scenario", "patroll"), "wheeled robots cannot do 'patroll'"),
         ],
     )

@@ -43,7 +43,7 @@ def test_it_adds_up_refusals_and_drives_and_goes_on_after_a_line_that_was_cut_of
     assert [line["event"] for line in lines] == ["drives", "drove", "drives", "drove", "refused"]
     assert (lines[1]["commands"], lines[1]["visitor"], lines[4]["count"]) == (1000, 1, 1000)
     path.write_bytes(path.read_bytes() + b'{"at":1,"ev')
-    with pytest.raises(UsageError, match="line 6 is cut off"):
+    with pytest.raises(UsageError, match="line 6 is incomplete"):
         list(read_lines(path))
     kept = Trail(path)
     kept.left(1)
@@ -141,7 +141,7 @@ def test_a_damaged_trail_is_moved_aside_and_nothing_of_it_lost(path, spoilt, cap
     kept.write("door", open=False, by=0)
     kept.close()
     (said,) = caplog.messages
-    assert "a new one begins" in said
+    assert "started a new file" in said
     first, second = read_lines(path)
     assert (first["event"], second["event"]) == ("moved_aside", "door")
     assert (path.parent / first["file"]).read_bytes() == before
@@ -157,7 +157,7 @@ def test_the_next_start_records_that_the_end_was_cut_off(path, caplog):
     kept = Trail(path)
     kept.close()
     assert events(path) == ["door"] * 3 + ["cut_off"]
-    assert "cut off" in caplog.text
+    assert "the end is missing or changed" in caplog.text
     Trail(path).close()
     assert len(events(path)) == 4
 
@@ -200,7 +200,7 @@ def test_what_is_exported_is_a_trail_again(path, capsys):
     assert copy.read_bytes() == path.read_bytes()
     verify(copy, None, None)
     told = capsys.readouterr()
-    assert told.out.startswith("1 line, whole")
+    assert told.out.startswith("1 line, complete")
     assert "not checked" in told.err
     verify(path, None, None)
     assert "not checked" not in capsys.readouterr().err

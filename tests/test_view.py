@@ -202,8 +202,8 @@ def test_misuse_is_one_line(phalanx, seen, tmp_path, monkeypatch):
     (tmp_path / "other.mcap").write_bytes(b"hello " * 100)
     for words, complaint in (
         ([str(tmp_path / "none.mcap")], "cannot read"),
-        ([str(tmp_path / "empty.mcap")], "no recording"),
-        ([str(tmp_path / "other.mcap")], "no recording"),
+        ([str(tmp_path / "empty.mcap")], "not a recording"),
+        ([str(tmp_path / "other.mcap")], "not a recording"),
         ([path, "--seed", "0"], "which options cannot change"),
         (["bti-fig0"], "no scenario"),
         (["flock-12", "--duration", "100000"], "exceed the page's memory"),

@@ -70,9 +70,9 @@ def test_every_option_of_every_attack_is_taken_with_each_of_its_values_and_no_ot
             for value in option.values:
                 kind.check({name: value})
             for value in (7.5,) if option.values else (option.least - 0.01, math.nan, math.inf, "often"):
-                with pytest.raises(UsageError, match=f"{kind.name} have {name}="):
+                with pytest.raises(UsageError, match=f"option {name} of attack {kind.name} is "):
                     kind.check({name: value})
             if not option.values:
                 kind.check({name: 7.5})
-        with pytest.raises(UsageError, match="no 'nothing'"):
+        with pytest.raises(UsageError, match="no option 'nothing'"):
             kind.check({"nothing": 1.0})

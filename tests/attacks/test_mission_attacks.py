@@ -221,12 +221,12 @@ class TestCommand:
         assert "pick (WRONG)" in out
         code, out, _ = phalanx("attack", "run", "replay-day")
         assert code == 0
-        assert "refuses the mission: outside_window" in out
+        assert "refused the mission: outside_window" in out
 
     def test_a_verdict_that_is_not_kept_ends_with_1(self, phalanx):
         code, out, _ = phalanx("attack", "run", "forge-graph:unchecked=1")
         assert code == 1
-        assert "NOT SO" in out
+        assert "NOT AS DECLARED" in out
         assert "hand_over (WRONG)" in out
 
     @pytest.mark.parametrize(

@@ -191,7 +191,7 @@ def test_a_trial_lives_the_mission_in_its_map_and_reports(folder):
     ]
     (folder / "far.yaml").write_text(f"map: office_40x40{TWO}".replace("[9, 12], facing: 90", "[9, 39], facing: 0"))
     text = run("audit", "far.yaml", "--trial", "1", "--profile", "paper")
-    assert "infeasible from start: 38.0 m, and before its time-out" in text
+    assert "infeasible from start: 38.0 m away, but a robot follows a direction for at most" in text
     assert "ran 1 times: 0 completed" in text
     assert "seed 0    1 of 2 nodes   " in text
     with pytest.raises(UsageError, match="no map to run the mission in"):

@@ -214,7 +214,7 @@ def test_a_start_in_no_free_space_is_told_as_that(path: Path, tmp_path: Path) ->
 
 def test_a_start_goes_with_a_map_and_is_two_or_three_numbers(tmp_path: Path) -> None:
     out = tmp_path / "x.phxm"
-    assert "is no start" in refused("build", "--map", TB3, "--out", out, "--start", "here")
+    assert "invalid start" in refused("build", "--map", TB3, "--out", out, "--start", "here")
     assert "made from a map" in refused("build", "office", "--out", out, "--start", "3,1.5")
     assert "nothing to build" in refused("build", "--out", out, "--start", "3,1.5")
 

@@ -70,7 +70,7 @@ def test_the_command_says_when_and_why_it_was_stopped_and_takes_no_options_of_fl
     monkeypatch.setattr("phalanx.cli.attack.try_in_team", once)
     shown = CliRunner().invoke(group, ["run", "skip-node"], standalone_mode=False)
     assert (shown.exception, shown.return_value) == (None, 0)
-    assert "stopped: so it is" in shown.stdout
+    assert "stopped: as declared" in shown.stdout
     assert "output wrong (" in shown.stdout
     assert "3 of 3 completed the mission; in Safe Mode: none" in shown.stdout
     told = json.loads(CliRunner().invoke(group, ["run", "skip-node", "--json"], standalone_mode=False).stdout)

@@ -51,7 +51,7 @@ RESUME_PLAIN_S = 3600  # shorter on plain http: another machine may get this add
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UpOptions:
-    """What to run. Raises: UsageError: incompatible options."""
+    """Options of a gateway. Raises: UsageError: incompatible options."""
 
     host: str = LOOPBACK  # address to listen on for visitors; 0.0.0.0: all interfaces
     port: int | None = None  # of the visitors' page and its websocket; None for 8080 or any free one, 0 for any

@@ -151,7 +151,7 @@ class MissionDesk:
         }
 
     def job(self) -> dict[str, Any]:
-        """What became of the mission that was to be compiled last."""
+        """Return the state or result of the last compilation."""
         if self._job is None:
             return {"state": "none"}
         return self._job.told or {"state": "compiling", "done": self._job.done, "of": self._job.locks}
@@ -223,7 +223,7 @@ def _drawn(words: dict[str, Any], plain: Mission) -> dict[str, Any]:
         "name": plain.name,
         "nodes": [{"name": name, "words": value, **places[name]} for name, value in words["nodes"].items()],
         "ways": [way for told in words.get("ways", ()) for way in _ways(told)],
-        # What the editor has no words of its own for, as it stands in the file.
+        # Parts that the editor cannot show are kept as in the file.
         "rest": {key: value for key, value in words.items() if key not in ("mission", "nodes", "ways")},
     }
 

@@ -1,4 +1,4 @@
-"""What is told of a mission: what robots have decoded, how far each is, and how much is still dark.
+"""Progress of a mission for the pages: decoded landmarks, each robot's state, and the number of nodes left.
 
 Nothing here knows what no robot has decoded.
 """
@@ -54,11 +54,11 @@ class MissionWatch:
         }
 
     def in_list(self) -> dict[str, dict[str, Any]]:
-        """What an answer to request 0 says of each robot beside the rest, by address."""
+        """Return the mission fields of each robot for the answer to request 0, by address."""
         return {walk.address: {"walk": tell_walk(walk)} for walk in self._swarm.walks()}
 
     def in_area(self) -> dict[str, Any]:
-        """What the answer to request 1 says beside the area."""
+        """Return the mission fields of the answer to request 1."""
         progress = self._swarm.progress()
         return {"walls": len(self._walls), "mission": None if progress is None else tell_progress(progress)}
 
@@ -71,7 +71,7 @@ class MissionWatch:
         return [tell_lit(each) for each in self._swarm.lit()]
 
     def state(self) -> dict[str, Any]:
-        """What the operator's page shows."""
+        """Return the mission's state for the operator's page."""
         progress = self._swarm.progress()
         return {
             "world": self._swarm.plan.name,

@@ -99,8 +99,8 @@ class PeerBody:
 
     def position_in(self, packet: bytes) -> tuple[int, float, float] | None:
         """Return id and position, m, of the sender of a state; None for other packets."""
-        state = fields_of(STATE, packet)
-        return (state[ID], state[FIRST_VALUE], state[FIRST_VALUE + 1]) if state else None
+        fields = fields_of(STATE, packet)
+        return (fields[ID], fields[FIRST_VALUE], fields[FIRST_VALUE + 1]) if fields else None
 
     def is_taken(self, t_ms: int) -> bool:  # noqa: ARG002 - a point mass takes no orders
         """Return whether the robot is held or driven by orders, so that the protocol does not control it."""
@@ -156,12 +156,12 @@ class DrivenWheels(PeerBody):
 
     def position_in(self, packet: bytes) -> tuple[int, float, float] | None:
         """Return id and position, m, of the sender of a state of wheels; None for other packets."""
-        state = fields_of(WHEELS_STATE, packet)
-        if not state:
+        fields = fields_of(WHEELS_STATE, packet)
+        if not fields:
             return None
         # Rounded to f32 as in a checkpoint, so that a replay from there gives the same outputs.
-        x_m, y_m = (float(np.float32(state[at] / self.per_m)) for at in (FIRST_VALUE, FIRST_VALUE + 1))
-        return state[ID], x_m, y_m
+        x_m, y_m = (float(np.float32(fields[at] / self.per_m)) for at in (FIRST_VALUE, FIRST_VALUE + 1))
+        return fields[ID], x_m, y_m
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
         """Obey the packet if it is an order for this robot."""
