@@ -35,7 +35,7 @@ from phalanx.errors import UsageError
 from phalanx.link.session import Invitation, Kind, MemoryStore, Now, Role, Secret, SessionServer, Ticket
 from phalanx.link.session.events import Close, Commanded, Joined, Publish, Requested, Send
 from phalanx.link.session.secret import INVITATION_BYTES
-from phalanx.net.children import end_with
+from phalanx.net.children import end_with_parent
 from phalanx.net.front import Closed, Front, Opened, Received
 
 VISITORS, PER_S, TICK_S = 20, 20, 0.1
@@ -431,7 +431,7 @@ def main() -> None:
 if __name__ == "__main__":
     if sys.argv[1:2] in (["gateway"], ["visitors"], ["phones"]):
         role, parent, *words = sys.argv[1:]
-        end_with(int(parent))
+        end_with_parent(int(parent))
         if role == "gateway":
             with tempfile.TemporaryDirectory() as folder:
                 Path(folder, "index.html").write_bytes(bytes(20_000))

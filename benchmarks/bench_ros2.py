@@ -25,7 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from phalanx.lab.arena.places import free_ports
 from phalanx.net.keyring import Keys
-from phalanx.net.mission_key import issued
+from phalanx.net.mission_key import encode_mission_key_file
 from phalanx.wire.table import BOARD
 
 ROBOTS, APART_M = 3, 20.0
@@ -74,7 +74,7 @@ def guards(folder: Path, period_ms: int) -> list[list[str]]:
         words = [*FIRST, sys.executable, "-m", "phalanx", "--log-level", "error", "robot", "ros2"]
         place = ["-p", f"odom_in_map:=[{i * APART_M}, 0.0, 0.0]"]
         commands.append([*words, str(folder / f"{i}.yaml"), "--namespace", f"r{i + 1}", "--", "--ros-args", *place])
-    (folder / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (folder / "key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
     return commands
 
 

@@ -23,7 +23,7 @@ from processes import children, cpu_s
 from rows import Row, print_table
 
 from phalanx.cli.gateway_of import ask_gateway
-from phalanx.net.seats import allow_files
+from phalanx.net.seats import raise_file_limit
 from phalanx.wire.sessions import UPDATE_HEAD
 
 MOST_GATEWAY, MOST_FRONT, MOST_JOIN_S, MOST_REMOVAL_S = 0.4, 0.6, 2.0, 1.0
@@ -127,7 +127,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--joins-per-s", type=float, default=35.0)
     chosen = parser.parse_args()
-    allow_files(8192)
+    raise_file_limit(8192)
     with tempfile.TemporaryDirectory() as folder:
         state = Path(folder, "state")
         words = ["--events", "--port", "0", "--defence", "none", "--robots", str(chosen.robots), "--state", str(state)]

@@ -11,7 +11,7 @@ from bench_codec import fresh_epoch
 from rows import Row, timed
 
 from phalanx.crypto import IV_BYTES
-from phalanx.gateway.frames import Frames
+from phalanx.gateway.frames import StateUpdates
 from phalanx.gateway.gateway import TICK_S
 from phalanx.gateway.running import WORLD_HZ
 from phalanx.link.envelope import encode_envelope, seal
@@ -32,7 +32,7 @@ def driving(count: int) -> Dotbots:
 
 def bench_tick(robots: int, repetitions: int, ticks: int) -> list[Row]:
     """Everything for visitors in one tick: where robots are, the frames, each sealed; then a step of the world."""
-    swarm, frames, epoch = driving(robots), Frames(), fresh_epoch()
+    swarm, frames, epoch = driving(robots), StateUpdates(), fresh_epoch()
     uptime_s = 0.0
     times: list[float] = []
     for _ in range(repetitions):

@@ -16,8 +16,8 @@ from phalanx.config.session import SessionConfig
 from phalanx.errors import UsageError
 from phalanx.link.session import SessionClient, parse_invitation
 from phalanx.link.session.events import KeepSecret, Transmit
-from phalanx.net.children import end_with
-from phalanx.net.seats import allow_files
+from phalanx.net.children import end_with_parent
+from phalanx.net.seats import raise_file_limit
 
 LINK = (
     b"GET /link HTTP/1.1\r\nHost: us\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -255,6 +255,6 @@ def now_ms() -> int:
 
 if __name__ == "__main__":
     parent, kinds, port, addresses, code = sys.argv[1:]
-    end_with(int(parent))
-    allow_files(8192)
+    end_with_parent(int(parent))
+    raise_file_limit(8192)
     asyncio.run(attack(Attack(int(port), addresses.split(","), lambda: Session(code)), kinds.split(",")))

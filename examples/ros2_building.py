@@ -64,7 +64,7 @@ def main():
                 rclpy.spin_once(node, timeout_sec=left_s)
             for twist in said[-1:]:
                 told, told_s = (round(1000 * twist.linear.x), round(1000 * twist.angular.z)), now_s
-                body.obey(DRIVE.form.pack(KIND_DRIVE, 1, 0, *told))
+                body.execute_command(DRIVE.form.pack(KIND_DRIVE, 1, 0, *told))
             said.clear()
             if now_s - told_s > COUNTS_S:
                 body.halt()

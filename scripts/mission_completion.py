@@ -35,7 +35,7 @@ from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.authoring.survey import most_spacious_start, survey, with_start
 from phalanx.mission.file import sealed
-from phalanx.mission.worth.outlook import time_for_s
+from phalanx.mission.worth.outlook import time_limit_s
 from phalanx.world.building.floorplan import FloorPlan, load_floorplan
 from phalanx.world.building.odometry import OdometryNoise
 from phalanx.world.missions.orders import Orders, orders_of
@@ -147,7 +147,7 @@ def orders(where: str, profile: str) -> tuple[Orders, float]:
     plain, plan = mission_in(where)
     form = Profile[profile.upper()]
     built = build(plain, BuildOptions(profile=form), random.Random(0).randbytes)  # noqa: S311
-    return orders_of(plain, built, plan), time_for_s(plain, form)
+    return orders_of(plain, built, plan), time_limit_s(plain, form)
 
 
 def lived(case: Case) -> Row:

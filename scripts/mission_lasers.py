@@ -45,7 +45,7 @@ from phalanx.mission.authoring.findable import ALIKE_RAD, alone, mark_lookalikes
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import HALF_TURN_TYPES, number_or_nan
 from phalanx.mission.walk.chart import rotation_between
-from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, odometry_errors_of
 from phalanx.world.missions.truth import pose_error
 
 Pose = tuple[float, float, float]
@@ -281,14 +281,14 @@ def live(mission: EncodedMission, config: MissionConfig, samples: list[Sample]) 
     start = samples[0].pose
     walker, state, belief = Walker(mission, config=config), State(), initial_belief(config, start)
     for i, (sample, before, now, travelled_m) in enumerate(steps_of(samples)):
-        belief = belief.driven(before, now, wheels_of(config))
+        belief = belief.driven(before, now, odometry_errors_of(config))
         landmarks = extract(sample.scan, SCANNER).landmarks(*belief.pose)
-        seen = Experience(float(i), *belief.pose, travelled_m, landmarks, spread=belief.doubt)
+        seen = Experience(float(i), *belief.pose, travelled_m, landmarks, spread=belief.pose_covariance)
         state, outcome = walker.step(state, seen)
         if outcome.fix is not None:
             lived.fixes += 1
             belief = fixed(config, belief, outcome.fix)
-            if wrong := pose_error(sample.pose, belief.pose, belief.doubt):
+            if wrong := pose_error(sample.pose, belief.pose, belief.pose_covariance):
                 lived.false[wrong] += 1
         elif outcome.reason is not None:
             lived.not_validated[outcome.reason.value] += 1

@@ -22,7 +22,7 @@ from phalanx.gateway.brakes import Brakes, KeptStop
 from phalanx.gateway.up import UpOptions, up
 from phalanx.net import Client, QrkeyClient, Server
 from phalanx.net.ports import is_free
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.world import Dotbots
 from ports import free_port
 from served_pages import operator_pages
@@ -107,7 +107,7 @@ class TestWithTheEventLoopHeldUp:
                 await visitor.command(address, "waypoints", {"threshold": 50, "waypoints": route})
                 await eventually(lambda: swarm.robots()[0].route)
 
-                async with beside(operator_pages(TOKEN, hold=gateway.brakes.hold)) as pages:
+                async with serve_in_thread(operator_pages(TOKEN, hold=gateway.brakes.hold)) as pages:
                     button = threading.Thread(target=say, args=(f"http://127.0.0.1:{pages.port}", "stop"))
                     button.start()
                     hold_up_the_event_loop(STOPPED_WITHIN_S, busy_s=STOPPED_WITHIN_S)

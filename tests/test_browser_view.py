@@ -14,8 +14,8 @@ import pytest
 from chromium import PHONE, a_page, barriers_in_both_schemes, pixels
 from commands import PHALANX
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.net.site import beside
-from phalanx.world.scenarios.play import play
+from phalanx.net.site import serve_in_thread
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.scenes import Live
 from recorded_scenario import SCENARIO
 from waiting import in_real_time, wait_until
@@ -28,7 +28,7 @@ def served():
     """The page without a run, yet."""
     in_real_time()
     with ThreadPoolExecutor(1) as elsewhere:  # Playwright's own loop runs in this thread
-        runner, site = asyncio.Runner(), beside(ViewPages(0))
+        runner, site = asyncio.Runner(), serve_in_thread(ViewPages(0))
         try:
             yield elsewhere.submit(runner.run, site.__aenter__()).result()
         finally:
@@ -45,7 +45,7 @@ def test_a_run_plays_as_it_comes_stands_still_and_goes_where_it_is_told(browser,
         live = Live(SCENARIO, pages.put)
         page.goto(f"http://127.0.0.1:{pages.port}/")
         page.get_by_test_id("loaded").get_by_text("so far").wait_for()
-        play(SCENARIO, None, lambda run: live.write(run, run.new_verdicts()))
+        run_scenario(SCENARIO, None, lambda run: live.write(run, run.new_verdicts()))
         live.end()
         pages.put(None)
         page.get_by_test_id("loaded").get_by_text("all 17 s received").wait_for()

@@ -18,12 +18,12 @@ from commands import PHALANX, ROOT
 from phalanx.attacks import IN_FLOCKS
 from phalanx.attacks.library import ATTACKS
 from phalanx.cli import attack as cli_attack
-from phalanx.cli.sim import named, show
+from phalanx.cli.sim import format_robots, show
 from phalanx.config.builtin import built_in
 from phalanx.scenarios.attack_spec import parse_attack
 from phalanx.scenarios.file import find_scenario, scenario_schema
 from phalanx.scenarios.scenario import Scenario
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 
 QUICK = ("--duration", "3", "--robots", "6")
 KEYS = set(
@@ -73,7 +73,7 @@ class TestRun:
         words = ("--defence", defence, "--attack", "request-flood:at=1", "--duration", "20", "--json")
         ended, out, err = phalanx("sim", "run", "flock-12", *words)
         stopped = json.loads(out)["correct_in_safe_mode"]
-        line = f"phalanx: correct robots with a quorum were stopped: {named(stopped)}"
+        line = f"phalanx: correct robots with a quorum were stopped: {format_robots(stopped)}"
         assert (ended, bool(stopped), line in err.splitlines()) == (code, bool(code), bool(code))
 
     @pytest.mark.parametrize("name", built_in("scenarios"))
@@ -103,7 +103,7 @@ class TestRun:
             seed=5,
             attacks=(parse_attack("hijack:robot=3,at=1"), parse_attack("crash:robot=4")),
         )
-        assert told["digest"] == play(scenario).summary()["digest"]
+        assert told["digest"] == run_scenario(scenario).summary()["digest"]
         assert [(liar["robot"], liar["attack"]) for liar in told["compromised"]] == [(3, "hijack"), (4, "crash")]
 
     def test_a_file_runs(self, said, tmp_path):
@@ -386,7 +386,7 @@ class TestAttack:
         monkeypatch.setattr(cli_attack, "try_attack", stops_one)
         code, out, _ = phalanx(*words)
         assert code == 1
-        assert f"stopped with a quorum  {named([3])}: promise P2 is BROKEN" in out
+        assert f"stopped with a quorum  {format_robots([3])}: promise P2 is BROKEN" in out
         code, out, _ = phalanx(*words, "--defence", "none")
         assert code == 0
         assert "none; no promise applies" in out

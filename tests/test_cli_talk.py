@@ -55,7 +55,7 @@ class TestStopped:
                 record.write_bytes(b"now")
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(sim, "play", stop)
+        monkeypatch.setattr(sim, "run_scenario", stop)
         path = tmp_path / "run.mcap"
         for writes, there in ((False, False), (False, True), (True, True)):
             if there:

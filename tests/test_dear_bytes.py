@@ -29,7 +29,7 @@ from phalanx.net.broker_packets import (
     BrokerPackets,
 )
 from phalanx.net.front.link import frame_head
-from phalanx.net.site import HEADERS, LINE_BYTES, Site, beside
+from phalanx.net.site import HEADERS, LINE_BYTES, Site, serve_in_thread
 from served_pages import a_page
 from stranger import with_length
 from waiting import Turns, eventually
@@ -66,7 +66,7 @@ class TestAPage:
         return b""
 
     async def test_a_request_has_so_many_headers_so_long_and_no_more(self):
-        async with beside(a_page()) as pages:
+        async with serve_in_thread(a_page()) as pages:
             for name, answer in ((b"x" * (LINE_BYTES + 1), b" 400 "), (b"x" * 100, b" 200 ")):
                 said = b"GET / HTTP/1.1\r\nHost: x\r\nX: " + name + b"\r\n\r\n"
                 assert answer in await self.request(pages, said)
@@ -75,7 +75,7 @@ class TestAPage:
                 assert answer in await self.request(pages, said)
 
     async def test_who_says_more_than_a_request_is_before_it_is_answered_is_hung_up_on(self):
-        async with beside(a_page()) as pages:
+        async with serve_in_thread(a_page()) as pages:
             reading, writing = await asyncio.open_connection("127.0.0.1", pages.port)
             answered = b""
             with contextlib.suppress(ConnectionError):

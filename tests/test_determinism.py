@@ -13,7 +13,7 @@ from commands import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.errors import UsageError
 from phalanx.lab.determinism import calls, check
-from phalanx.lab.determinism.calls import ADVICE, ROBOT, calls_of, maker
+from phalanx.lab.determinism.calls import ADVICE, ROBOT, calls_of, controller_factory
 from phalanx.lab.determinism.check import Report, check_controller
 from phalanx.lab.determinism.trace import LIVES, live
 from phalanx.robot.controllers.python_controller import OwnMistake
@@ -59,7 +59,7 @@ PROCESSES, COMPILED, BESIDE, FROM, OVER, RAISES, REFUSED = (
 @contextlib.contextmanager
 def here(_folder, k, words, calls):
     """What a process would live through, lived in this one."""
-    make = maker(words)  # once: what its module keeps, all lives share
+    make = controller_factory(words)  # once: what its module keeps, all lives share
     lived = {name: LIVES[name](make, ROBOT, calls) for name in (("live",) if k else LIVES)}
     yield lambda: json.loads(json.dumps(lived))
 
@@ -103,7 +103,7 @@ def test_ours_are_the_same_everywhere(words, monkeypatch):
 
 def test_a_controller_that_is_advised_hears_of_it_and_nobody_else():
     def advised(words):
-        return [call.odd for call in calls_of(maker(words), words, 0) if call.step == ADVICE]
+        return [call.odd for call in calls_of(controller_factory(words), words, 0) if call.step == ADVICE]
 
     assert advised("flock") == []
     told = advised("guard")

@@ -33,7 +33,7 @@ from phalanx.gateway.operator_desk import OperatorDesk
 from phalanx.link import Pin, QrkeyClient, QrUrl, derive_epoch, pin, topics
 from phalanx.link.rotation import State
 from phalanx.mission.landmarks import floorplan, floorplan_of_yaml
-from phalanx.mission.landmarks.gridmap import map_words
+from phalanx.mission.landmarks.gridmap import parse_map_header
 from phalanx.net.session_client import Client
 from ports import free_port
 from scripts import loaded
@@ -162,7 +162,7 @@ def test_the_building_that_is_shown_is_built_from_and_run_in(tmp_path, monkeypat
     page = DOCS / "guides" / "maps.md"
     flat, depot = fences(page.read_text(), "yaml")
     assert floorplan_of_yaml(flat.encode()).codes
-    assert map_words(depot.encode(), "depot").start == (3.0, 7.5, 0.0)
+    assert parse_map_header(depot.encode(), "depot").start == (3.0, 7.5, 0.0)
     (tmp_path / "flat.yaml").write_text(flat)
     monkeypatch.chdir(tmp_path)
     for line in commands_of(page)[:2]:

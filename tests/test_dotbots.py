@@ -28,7 +28,7 @@ from phalanx.daemon.settings import read_robot
 from phalanx.errors import BadPayload, Held, Unavailable, Unknown, UsageError
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import RouteLimited
-from phalanx.scenarios.behaviour import driving
+from phalanx.scenarios.behaviour import declaration_of
 from phalanx.scenarios.file import parse_scenario
 from ports import free_port
 from waiting import wait_until
@@ -370,7 +370,7 @@ def driver_of(tmp_path, where, mission="controller: wheels\nrobots: 3\n"):
     radio = {"here": "127.0.0.1:4411", "peers": ["127.0.0.1:4412"]}
     said = {"robot": 1, "mission": "m", "key": "k", "driver": where, "radio": radio}
     (tmp_path / "robot.yaml").write_text(json.dumps(said))
-    declared = driving(parse_scenario(mission.encode(), "mission.yaml"))
+    declared = declaration_of(parse_scenario(mission.encode(), "mission.yaml"))
     return make_driver(read_robot(tmp_path / "robot.yaml"), declared), declared
 
 

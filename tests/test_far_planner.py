@@ -22,9 +22,9 @@ from hypothesis import strategies as st
 
 from phalanx.cli.main import run_command
 from phalanx.config.guard import GuardConfig
-from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.evidence import read_robot_log
 from phalanx.daemon.far_planner import MOST_AT_ONCE, MOST_LOOKS, FarPlanner
-from phalanx.daemon.proofs import signed_in
+from phalanx.daemon.proofs import count_signed_messages
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import UsageError
 from phalanx.net import serial_line
@@ -398,8 +398,8 @@ class Between:
 
 def pushes(kept, rob_id):
     """What a robot commanded, and how much advice it took."""
-    log = read_kept(kept / f"robot-{rob_id}.log")
-    assert log.first_lie() is None
+    log = read_robot_log(kept / f"robot-{rob_id}.log")
+    assert log.first_dishonest_entry() is None
     commands = [
         ACCELERATION.decode(log.raw[each.end - ACCELERATION.size : each.end])
         for each in log.entries()
@@ -443,11 +443,11 @@ def test_who_stands_between_robots_and_their_planner_moves_none_and_stops_none(t
     assert moved[1][1] > 6
     assert moved[2] == (0, 1), "its first was for the time in which robots listen"
     assert moved[3] == moved[4] == (0, 0)
-    (by,) = signed_in(read_kept(kept / "robot-1.log"))
+    (by,) = count_signed_messages(read_robot_log(kept / "robot-1.log"))
     assert (by.signer, by.key, by.count) == ("adviser", PUBLIC, moved[1][1])
     assert run_command(["robot", "verify", str(kept / "robot-1.log")]) == 0
     assert f"by adviser ({PUBLIC})" in capsys.readouterr().out
-    assert signed_in(read_kept(kept / "robot-3.log")) == []
+    assert count_signed_messages(read_robot_log(kept / "robot-3.log")) == []
     rubbish = {told["robot"]: told["advice"]["rubbish"] for told in summary["processes"]}
     assert rubbish[1] == 0
     assert min(rubbish[2], rubbish[3], rubbish[4]) > 5

@@ -129,29 +129,29 @@ class TestVocabulary:
         swarm = Dotbots(50, 1, lambda: NOW)
         trail = [Point(i * 1.1, i * 1.3) for i in range(1000)]
         robots = [robot._replace(history=trail) for robot in swarm.robots()]
-        whole = vocabulary.tell_robots(robots, NOW, 1 << 30, 1 << 30)
+        whole = vocabulary.robots_json(robots, NOW, 1 << 30, 1 << 30)
         assert all(len(robot["position_history"]) == 1000 for robot in whole)
-        told = vocabulary.tell_robots(robots, NOW, 48 << 10, 1 << 20)
+        told = vocabulary.robots_json(robots, NOW, 48 << 10, 1 << 20)
         assert len(json.dumps(told, separators=(",", ":"))) <= 48 << 10
         lengths = {len(robot["position_history"]) for robot in told}
         assert 0 < min(lengths) <= max(lengths) < 1000
         assert told[0]["position_history"][-1] == {"x": 1098.9, "y": 1298.7, "z": 0}, "the newest are kept"
-        assert len(vocabulary.tell_robots(robots, NOW, 100, 1 << 20)) == 50, "robots are not dropped for a wish"
+        assert len(vocabulary.robots_json(robots, NOW, 100, 1 << 20)) == 50, "robots are not dropped for a wish"
 
     def test_nothing_makes_an_answer_longer_than_a_client_reads(self):
         robots = [
             robot._replace(route=[Point(1234.5, 1234.5)] * 65, history=[Point(1.5, 1.5)] * 1000)
             for robot in Dotbots(2000, 1, lambda: NOW).robots()
         ]
-        told = vocabulary.tell_robots(robots, NOW, 48 << 10, 1 << 20)
+        told = vocabulary.robots_json(robots, NOW, 48 << 10, 1 << 20)
         assert len(json.dumps(told, separators=(",", ":"))) <= 1 << 20
         assert len(told) == 2000
-        assert len(vocabulary.tell_robots(robots, NOW, 100, 100_000)) >= 100, "in the end, some robots"
+        assert len(vocabulary.robots_json(robots, NOW, 100, 100_000)) >= 100, "in the end, some robots"
 
     @pytest.mark.parametrize(("silent_s", "status"), [(0, 0), (4.9, 0), (5, 1), (59, 1), (60, 2)])
     def test_a_silent_robot_is_quiet_then_lost(self, silent_s, status):
         robot = Dotbots(1, 1, lambda: NOW).robots()[0]._replace(heard_at_s=NOW - silent_s)
-        assert vocabulary.tell_robot(robot, NOW)["status"] == status
+        assert vocabulary.robot_json(robot, NOW)["status"] == status
 
 
 async def turn(swarm):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mirror import Mirror, are_near, read_places
 from phalanx.gateway import vocabulary
-from phalanx.gateway.frames import Frames, tick_bytes
+from phalanx.gateway.frames import StateUpdates, tick_bytes
 from phalanx.link.envelope import encode_json
 from phalanx.robot import Led, Point
 from phalanx.world import Dotbots
@@ -33,7 +33,7 @@ class TestFrames:
     @settings(deadline=None)
     @given(actions)
     def test_a_visitor_who_reads_frames_knows_what_the_swarm_knows(self, steps):
-        swarm, frames, uptime = Dotbots(4, 1, lambda: NOW), Frames(), 0.0
+        swarm, frames, uptime = Dotbots(4, 1, lambda: NOW), StateUpdates(), 0.0
         mirror = None
         for what, who, value in [("wait", 0, 0), *steps]:
             robots = swarm.robots()
@@ -55,7 +55,7 @@ class TestFrames:
             uptime += 0.1
             tick = frames.next(swarm.robots(), NOW, uptime)
             told = [
-                vocabulary.tell_robot(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()
+                vocabulary.robot_json(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()
             ]
             if mirror is None:
                 mirror = Mirror(told)
@@ -72,10 +72,10 @@ class TestFrames:
 
     @pytest.mark.parametrize(("robots", "limit_bytes"), [(10, 2044), (100, 2044), (1000, 16 * 1024 - 4)])
     def test_a_tick_is_small_whatever_was_told_to_robots_and_all_of_it_is_told_in_the_end(self, robots, limit_bytes):
-        swarm, frames = Dotbots(robots, 1, lambda: NOW), Frames()
+        swarm, frames = Dotbots(robots, 1, lambda: NOW), StateUpdates()
         frames.next(swarm.robots(), NOW, 0.0)
         mirror = Mirror(
-            [vocabulary.tell_robot(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()]
+            [vocabulary.robot_json(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()]
         )
         for robot in swarm.robots():
             swarm.set_led(robot.address, Led(1, 2, 3))
@@ -97,7 +97,7 @@ class TestFrames:
         assert len(mirror.robots[robot.address]["waypoints"]) == 65
 
     def test_a_full_frame_of_large_numbers_is_no_longer_than_the_limit(self):
-        frames = Frames()
+        frames = StateUpdates()
         frames._ticks = 10**12
         far = [
             robot._replace(at=Point(-9_999_999.0 + i % 7, 9_999_999.0 - i), direction_deg=359)
@@ -113,7 +113,7 @@ class TestFrames:
             assert 0 <= spare < (200 if uptime_s == 0 else 2048)
 
     def test_of_a_swarm_at_rest_places_are_told_once_a_second_and_there_is_a_frame_each_tick(self):
-        robots, frames = Dotbots(3, 1, lambda: NOW).robots(), Frames()
+        robots, frames = Dotbots(3, 1, lambda: NOW).robots(), StateUpdates()
         told = [frames.next(robots, NOW, tick * 0.1).frame["data"] for tick in range(31)]
         assert [data["seq"] for data in told] == list(range(31))
         full = [data for data in told if "places" in data]
@@ -121,25 +121,25 @@ class TestFrames:
         assert all(len(read_places(data["places"])) == 3 for data in full)
 
     def test_that_the_operator_holds_all_is_told_by_every_frame_until_it_is_over(self):
-        robots, frames = Dotbots(3, 1, lambda: NOW).robots(), Frames()
+        robots, frames = Dotbots(3, 1, lambda: NOW).robots(), StateUpdates()
         told = [frames.next(robots, NOW, tick * 0.1, held=2 <= tick < 5).frame["data"].get("held") for tick in range(7)]
         assert told == [None, None, True, True, True, None, None]
 
     def test_a_robot_that_knows_no_place_does_not_silence_the_others(self):
         lost, known = Dotbots(2, 1, lambda: NOW).robots()
         nowhere = lost._replace(at=Point(math.nan, 5.0), history=[Point(1.0, math.inf), Point(1.0, 1.0)])
-        frames = Frames()
+        frames = StateUpdates()
         frames.next([known], NOW, 0.0)
         frame = frames.next([known, nowhere], NOW, 1.0).frame
         assert [number for number, *_ in read_places(frame["data"]["places"])] == [0]
         (told,) = json.loads(encode_json(frame))["data"]["joined"]
         assert told["lh2_position"] is None
-        listed = json.loads(encode_json(vocabulary.tell_robot(nowhere, NOW)))
+        listed = json.loads(encode_json(vocabulary.robot_json(nowhere, NOW)))
         assert (listed["lh2_position"], listed["position_history"]) == (None, [{"x": 1.0, "y": 1.0, "z": 0}])
 
     def test_what_could_not_be_told_is_told_at_the_next_tick(self):
         here, other = Dotbots(2, 1, lambda: NOW).robots()
-        frames = Frames()
+        frames = StateUpdates()
         frames.next([here], NOW, 0.0)
         with pytest.raises(ValueError, match="JSON"):
             frames.next([here._replace(led=Led(1, 2, 3)), other._replace(threshold_mm=1, name=math.nan)], NOW, 0.1)
@@ -148,7 +148,7 @@ class TestFrames:
         assert [change["address"] for change in frame["data"]["changed"]] == [here.address]
 
     def test_a_cleared_history_is_told(self):
-        swarm, frames = Dotbots(1, 1, lambda: NOW), Frames()
+        swarm, frames = Dotbots(1, 1, lambda: NOW), StateUpdates()
         address = swarm.robots()[0].address
         swarm.drive(address, 100, 100)
         swarm.step(0.5)

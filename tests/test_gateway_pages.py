@@ -23,7 +23,7 @@ from phalanx.errors import Unavailable
 from phalanx.gateway.serve_pages import PAGES
 from phalanx.gateway.shields import ShieldWatch
 from phalanx.gateway.up import UpOptions, up
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.robot.swarm import Shield
 from phalanx.world import Dotbots
 from ports import free_port
@@ -152,7 +152,7 @@ class TestPages:
                     self.ended = True
 
         async def serve():
-            async with beside(pages):
+            async with serve_in_thread(pages):
                 pass
 
         pages = Slow()
@@ -176,7 +176,7 @@ class TestPages:
             raise AssertionError("it takes the loop that drives robots too long to tell all")
 
         pages = operator_pages("t0ken" * 6, secrets, health=health)
-        async with beside(pages), aiohttp.ClientSession() as http:
+        async with serve_in_thread(pages), aiohttp.ClientSession() as http:
             url = f"http://127.0.0.1:{pages.port}/healthz"
 
             async def well(**headers):

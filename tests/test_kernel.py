@@ -28,7 +28,7 @@ from phalanx.bti.work import make_work
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
 from phalanx.errors import KernelDefect
-from phalanx.mission.pose.spread import Sight, doubt_of
+from phalanx.mission.pose.spread import Sight, place_deviations
 from phalanx.pool import make_pool
 from phalanx.wire import fields
 from phalanx.world.audited.events import Queue, make_queue, pack, pop, push, refused
@@ -124,8 +124,10 @@ def test_an_array_of_another_dtype_or_number_of_axes_or_order_is_refused(wrong, 
 def test_a_tuple_of_another_length_is_refused(wrong):
     spread = np.zeros((3, 3))
     with pytest.raises(TypeError, match="a tuple of"):
-        doubt_of(spread, 1.0, 2.0, wrong)
-    assert doubt_of(spread, 1.0, 2.0, Sight(0.1, 0.2, 0.3)) == doubt_of(spread, 1.0, 2.0, (0.1, 0.2, 0.3))
+        place_deviations(spread, 1.0, 2.0, wrong)
+    assert place_deviations(spread, 1.0, 2.0, Sight(0.1, 0.2, 0.3)) == place_deviations(
+        spread, 1.0, 2.0, (0.1, 0.2, 0.3)
+    )
 
 
 def test_read_only_arrays_are_refused_where_the_kernel_writes_and_only_there():

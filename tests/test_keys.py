@@ -23,7 +23,7 @@ from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig
 from phalanx.crypto import keys as sealing
 from phalanx.errors import UsageError
-from phalanx.net.keyring import Keys, create, opened
+from phalanx.net.keyring import Keys, create, open_keyring
 from phalanx.net.private_file import write_private
 from phalanx.wire.table import BOARD
 from waiting import wait_until
@@ -59,13 +59,13 @@ def phalanx(capsys, *words: object) -> tuple[int, str, str]:
 
 class TestRealNodes:
     def test_robots_of_one_mission_believe_each_other_and_a_retired_one_is_left_out(self, ring):
-        with opened(ring, WORDS) as keys:
+        with open_keyring(ring, WORDS) as keys:
             masters = {robot: keys.provision(robot, "2026-01-01") for robot in (1, 2, 3)}
         assert len(set(masters.values())) == 3, "who is lost must not read the others' mission keys"
         nodes = Nodes(3, trusted.HARDENED, replace(LIMITS, f_max=1))
         for robot, master in masters.items():
             nodes.load_master(robot - 1, master, robot)
-        with opened(ring, WORDS) as keys:
+        with open_keyring(ring, WORDS) as keys:
             keys.retire(3, "2026-01-02")
             number, sealed = keys.issue()
         assert (number, set(sealed)) == (1, {1, 2})
@@ -78,18 +78,18 @@ class TestRealNodes:
         nodes.check_auth(1, said[:20], 1, nonce, said[22:])
 
     def test_numbers_only_rise(self, ring):
-        with opened(ring, WORDS) as keys:
+        with open_keyring(ring, WORDS) as keys:
             keys.provision(1, "2026-01-01")
         numbers = []
         for _ in range(3):
-            with opened(ring, WORDS) as keys:
+            with open_keyring(ring, WORDS) as keys:
                 numbers.append(keys.issue()[0])
         assert numbers == [1, 2, 3]
 
 
 class TestKilled:
     def test_no_number_is_given_out_twice_whenever_the_process_dies(self, ring, tmp_path):
-        with opened(ring, WORDS) as keys:
+        with open_keyring(ring, WORDS) as keys:
             keys.provision(1, "2026-01-01")
         chance = random.Random(1)
         given_out = tmp_path / "given"
@@ -99,7 +99,7 @@ class TestKilled:
             if child == 0:
                 with given_out.open("ab", buffering=0) as out:
                     for _ in itertools.count():
-                        with opened(ring, WORDS) as keys:
+                        with open_keyring(ring, WORDS) as keys:
                             number, _ = keys.issue()
                         out.write(b"%d\n" % number)
             wanted = len(given_out.read_bytes().split()) + chance.randrange(3)
@@ -110,11 +110,11 @@ class TestKilled:
         numbers = [int(line) for line in given_out.read_text().split()]
         assert len(numbers) >= 10, "or little was tried"
         assert numbers == sorted(set(numbers))
-        with opened(ring, WORDS) as keys:
+        with open_keyring(ring, WORDS) as keys:
             assert keys.missions >= numbers[-1]
 
     def test_two_at_once_wait_for_each_other(self, ring, tmp_path):
-        with opened(ring, WORDS) as keys:
+        with open_keyring(ring, WORDS) as keys:
             keys.provision(1, "2026-01-01")
         children = []
         for who in range(2):
@@ -122,7 +122,7 @@ class TestKilled:
             if child == 0:
                 numbers = []
                 for _ in range(25):
-                    with opened(ring, WORDS) as keys:
+                    with open_keyring(ring, WORDS) as keys:
                         numbers.append(keys.issue()[0])
                 (tmp_path / f"of-{who}").write_text(json.dumps(numbers))
                 os._exit(0)
@@ -143,7 +143,7 @@ class TestFiles:
         text[at] ^= data.draw(st.integers(1, 255))
         ring.write_bytes(text)
         try:
-            with opened(ring, WORDS) as keys:
+            with open_keyring(ring, WORDS) as keys:
                 assert keys.name == "lab"  # a space that became a tab
         except UsageError as error:
             assert str(ring) in str(error)
@@ -155,19 +155,19 @@ class TestFiles:
     def test_what_is_no_file_of_keys_is_said_before_the_passphrase_costs_anything(self, ring, text, monkeypatch):
         ring.write_bytes(text)
         monkeypatch.setattr(sealing, "scrypt", None)
-        with pytest.raises(UsageError, match="is damaged"), opened(ring, WORDS):
+        with pytest.raises(UsageError, match="is damaged"), open_keyring(ring, WORDS):
             pass
 
     def test_another_passphrase_and_others_who_may_read(self, ring):
-        with pytest.raises(UsageError, match="wrong passphrase"), opened(ring, "another one altogether"):
+        with pytest.raises(UsageError, match="wrong passphrase"), open_keyring(ring, "another one altogether"):
             pass
         ring.chmod(0o640)
-        with pytest.raises(UsageError, match="other users may read"), opened(ring, WORDS):
+        with pytest.raises(UsageError, match="other users may read"), open_keyring(ring, WORDS):
             pass
 
     def test_it_is_for_its_owner_alone_and_says_no_secret(self, ring):
         assert stat.S_IMODE(ring.stat().st_mode) == 0o600
-        with opened(ring, WORDS) as keys:
+        with open_keyring(ring, WORDS) as keys:
             assert repr(keys) == "<Keys of lab>"
             assert keys.root.hex() not in ring.read_text()
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from phalanx.bti import log
 from phalanx.bti.fleet import ROBOT, SETTINGS, records
-from phalanx.pool import give_back, lend, make_pool, sparse
+from phalanx.pool import borrow, give_back, make_pool, sparse
 from phalanx.wire import fields
 
 ROOM = 24
@@ -151,7 +151,7 @@ def test_too_many_are_a_memory_error():
 
 
 def test_the_row_that_was_given_back_last_is_lent_next_and_nobody_has_the_same():
-    for lends, gives in zip(both(lend), both(give_back), strict=True):
+    for lends, gives in zip(both(borrow), both(give_back), strict=True):
         pool = make_pool(4, 8)
         assert [lends(pool) for _ in range(4)] == [0, 1, 2, 3]
         gives(pool, 2)

@@ -20,7 +20,7 @@ from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
 from phalanx.gateway.missions.desk import TEXT_MAX_BYTES, MissionDesk, _read, parse_profile, requests_of
 from phalanx.mission import Profile, plain_mission
-from phalanx.mission.authoring.document import words_of_mission
+from phalanx.mission.authoring.document import mission_to_yaml
 from waiting import eventually
 
 
@@ -149,7 +149,7 @@ class TestDesk:
     @pytest.mark.parametrize("name", built_in("missions"))
     def test_the_words_of_a_mission_describe_it(self, name):
         mission = read_plain(name)
-        again = plain_mission(words_of_mission(mission))
+        again = plain_mission(mission_to_yaml(mission))
         by_ends = attrgetter("source", "target")
         assert replace(again, ways=sorted(again.ways, key=by_ends)) == replace(
             mission, ways=sorted(mission.ways, key=by_ends)

@@ -154,6 +154,6 @@ def test_every_statement_of_a_short_drive_names_what_was_asked(tmp_path: Path) -
 
 
 def test_the_camera_office_has_23_codes_and_all_of_them_are_encoded() -> None:
-    plan, mission = mission_fig10.place()
+    plan, mission = mission_fig10.office_with_codes()
     assert len(plan.codes) == 23
     assert len(mission.nodes) == 24

@@ -14,7 +14,7 @@ import pytest
 from commands import ROOT
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.papers.missions.drive import PATH_M, SPEED_MPS, driven
+from phalanx.papers.missions.drive import PATH_M, SPEED_MPS, poses_along
 from phalanx.world.building.floorplan import load_floorplan
 from scripts import loaded
 
@@ -32,7 +32,7 @@ def log_of(path: Path, wheels: float = 1.01) -> Path:
     lidar = Lidar(plan.walls, LidarConfig(beams=360, fov_rad=math.pi))
     lines, here = ["# message formats defined: PARAM SYNC ODOM FLASER"], None
     for _ in range(2):
-        for tick, ((x, y, heading), (way, turn)) in enumerate(islice(driven(plan, PATH_M, SPEED_MPS), TICKS)):
+        for tick, ((x, y, heading), (way, turn)) in enumerate(islice(poses_along(plan, PATH_M, SPEED_MPS), TICKS)):
             if here is not None and tick:
                 a, b, c = here
                 here = a + wheels * way * math.cos(c + turn / 2), b + wheels * way * math.sin(c + turn / 2), c + turn

@@ -17,7 +17,7 @@ from phalanx.mission import BuildOptions, Profile
 from phalanx.mission.authoring import survey
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import look_ahead
-from phalanx.mission.worth.shown import shown_by
+from phalanx.mission.worth.shown import candidates_in
 from phalanx.world.building.floorplan import load_floorplan
 
 CHEAP = """
@@ -77,8 +77,11 @@ def test_a_map_alone_is_audited_as_what_build_makes_of_it() -> None:
     report = json.loads(command("audit", "--map", "office_30x25", "--json").stdout)
     mission = survey.survey(plan)
     told = audit(
-        mission, Profile.SEALED, plan=shown_by(plan, BuildOptions().offset_mm), outlook=look_ahead(mission, None, plan)
-    ).told()
+        mission,
+        Profile.SEALED,
+        plan=candidates_in(plan, BuildOptions().offset_mm),
+        outlook=look_ahead(mission, None, plan),
+    ).to_json()
     assert report["nodes"] == json.loads(json.dumps(told))["nodes"]
     elsewhere = json.loads(command("audit", "--map", "office_30x25", "--start", "14,8", "--json").stdout)
     assert elsewhere["nodes"] != report["nodes"]

@@ -95,11 +95,11 @@ def test_whom_a_robot_touches_stops_its_wheels_and_it_may_turn_and_go_back() -> 
     x, y, _ = body.wheels.pose
     body.wheels.pose = (x, y, 0.0)
     building.people = np.array([[x + TOUCH_M + 0.12, y, RADIUS_M]])
-    body.obey(ahead(0.5))
+    body.execute_command(ahead(0.5))
     body.advance(1.0)
     assert body.wheels.pose[0] - x == pytest.approx(0.1)
     assert body.odometry.travelled_m == pytest.approx(0.1), "wheels that turn on would lose it"
-    body.obey(ahead(-0.5))
+    body.execute_command(ahead(-0.5))
     body.advance(2.0)
     assert body.wheels.pose[0] < x
 

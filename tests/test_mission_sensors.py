@@ -96,7 +96,7 @@ def test_what_a_robot_does_is_seen_for_a_while_from_near_and_not_through_walls()
     a.body.wheels.pose, b.body.wheels.pose = (12.0, 5.0, 0.0), (9.0, 5.0, 3.0)
     assert world._watched(b) == []
     a.body.actions.clear()
-    a.body.obey(_action("lamp"))
+    a.body.execute_command(_action("lamp"))
     assert world._watched(b) == ["a does lamp"]
     assert world._watched(a) == []
     b.body.wheels.pose = (6.0, 9.0, 0.0)
@@ -106,7 +106,7 @@ def test_what_a_robot_does_is_seen_for_a_while_from_near_and_not_through_walls()
     b.body.wheels.pose = (9.0, 5.0, 0.0)
     a.body.advance(SHOWN_S + 0.1)
     assert world._watched(b) == [], "long ago"
-    a.body.obey(_action("lamp")[:-1])
+    a.body.execute_command(_action("lamp")[:-1])
     assert world._watched(b) == [], "what is no action"
 
 

@@ -66,7 +66,7 @@ class TestReach:
         gaps = ((pos[:, None] - pos[None]) ** 2).sum(axis=2)
         expected = [[k for k in range(len(pos)) if k != i and gaps[i, k] <= range_m**2] for i in range(len(pos))]
         assert near(pos, reach) == expected
-        assert sum(map(len, expected)) <= total <= len(reach.maybe)
+        assert sum(map(len, expected)) <= total <= len(reach.candidate_ids)
         for i in range(len(pos)):
             row = slice(reach.near[i], in_range(reach, i))
             assert reach.square[row] == pytest.approx(gaps[i, reach.ids[row]], rel=1e-6)
@@ -85,7 +85,7 @@ class TestReach:
             pos = pos * chance.choice([0.7, 0.9, 1.0, 1.0, 1.0, 1.1, 1.4])
             pos = pos + share * chance.uniform(-1.0, 1.0, pos.shape) + chance.integers(-2, 3, 2)
             anew = make_reach(len(pos), 1.0)
-            assert max(rebuild(reach, pos), rebuild(anew, pos)) <= len(reach.maybe)
+            assert max(rebuild(reach, pos), rebuild(anew, pos)) <= len(reach.candidate_ids)
             assert near(pos, reach) == near(pos, anew)
 
     def test_who_all_go_the_same_way_or_to_the_same_place_are_not_sorted_anew(self):
@@ -112,15 +112,15 @@ class TestReach:
         )
         reach, roomy = make_reach(80, 0.5, capacity=80, skin=1.0), make_reach(80, 0.5)
         assert rebuild(roomy, pos) > 80
-        assert rebuild(make_reach(80, 0.5, skin=1.0), pos) > len(reach.maybe)
+        assert rebuild(make_reach(80, 0.5, skin=1.0), pos) > len(reach.candidate_ids)
         assert rebuild(reach, pos) == 80
         assert near(pos, reach) == near(pos, roomy)
 
     def test_lists_without_room_are_cut_and_say_how_much_they_need(self):
         pos = np.zeros((10, 2))
         reach = make_reach(10, 1.0, capacity=30)
-        assert rebuild(reach, pos) == 90 > len(reach.maybe)
-        assert sum(map(len, near(pos, reach))) == len(reach.maybe)
+        assert rebuild(reach, pos) == 90 > len(reach.candidate_ids)
+        assert sum(map(len, near(pos, reach))) == len(reach.candidate_ids)
         roomy = make_reach(10, 1.0, capacity=90)
         assert rebuild(roomy, pos) == 90
         assert near(pos, roomy) == [[k for k in range(10) if k != i] for i in range(10)]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from phalanx.link.session import Role
 from phalanx.link.session.events import Admitted
-from phalanx.link.session.nickname import MARKS_IN_A_ROW, clean_nickname, is_reserved, looks
+from phalanx.link.session.nickname import MARKS_IN_A_ROW, clean_nickname, is_reserved, name_skeletons
 from phalanx.link.session.visitors import FEW
 from session_world import World
 
@@ -151,9 +151,9 @@ def test_a_name_is_free_again_for_whoever_looks_like_it():
 @given(st.lists(st.text(st.sampled_from("Aaаαl1Ii|O0oо mrn\u0301\u200b.🤖"), max_size=40), max_size=12))
 def test_no_two_visitors_look_the_same(wishes):
     names = named(*wishes)
-    seen = [each for name in names for each in looks(name)]
+    seen = [each for name in names for each in name_skeletons(name)]
     assert len(set(seen)) == len(seen)
-    assert all(name == name.strip() and any(looks(name)) and len(name) <= 32 for name in names)
+    assert all(name == name.strip() and any(name_skeletons(name)) and len(name) <= 32 for name in names)
 
 
 @given(st.text(max_size=60))
@@ -163,4 +163,4 @@ def test_what_is_kept_is_kept_again(wish):
     assert len(kept) <= 32
     assert clean_nickname(kept) == kept
     assert all(each.isprintable() for each in kept)
-    assert looks(kept + "7") == {each + "7" for each in looks(kept)}
+    assert name_skeletons(kept + "7") == {each + "7" for each in name_skeletons(kept)}

@@ -270,7 +270,7 @@ class Heard:
     def is_busy(self) -> bool:
         return False
 
-    def is_deaf(self, _robot: int) -> bool:
+    def is_permanently_stopped(self, _robot: int) -> bool:
         return False
 
     def say(self, packet: bytes, robot: int) -> None:
@@ -281,7 +281,7 @@ def said_from(station: Station, now_s: float, end_s: float) -> list[tuple[int, i
     """All but beacons."""
     air = Heard()
     while now_s < end_s:
-        station.speak(air, now_s, round(1000 * now_s))
+        station.send_due(air, now_s, round(1000 * now_s))
         now_s += 0.005
     return [each for each in air.said if each[1] != TELL_NOTHING]
 
@@ -290,11 +290,11 @@ def test_a_stop_waits_neither_for_colours_nor_for_a_long_route_when_a_station_is
     station = Station(signer(GATEWAY), signer(OPERATOR))
     gateway = station.gateway
     for rob in (1, 2):
-        station.tell(rob, MOTION, partial(gateway.route, threshold_mm=50, points_mm=[(1, 1)] * 32))
+        station.queue_order(rob, MOTION, partial(gateway.route, threshold_mm=50, points_mm=[(1, 1)] * 32))
     assert said_from(station, 0.0, 0.05) == [(1, TELL_ROUTE), (2, TELL_ROUTE)]
     for rob in (1, 2):
-        station.tell(rob, COLOUR, partial(gateway.led, red=1, green=2, blue=3))
-        station.tell(rob, MOTION, partial(gateway.wheels, left_pct=0, right_pct=0))
+        station.queue_order(rob, COLOUR, partial(gateway.led, red=1, green=2, blue=3))
+        station.queue_order(rob, MOTION, partial(gateway.wheels, left_pct=0, right_pct=0))
     assert said_from(station, 0.05, 0.1) == [], "the robots' logs have no room yet"
     station.drop_pending()
     assert said_from(station, 0.1, 0.15) == [(1, TELL_WHEELS), (2, TELL_WHEELS)]

@@ -348,7 +348,7 @@ def test_the_latest_word_counts_of_two_the_own_and_none_for_long():
     assert robot.things() == {0: (7.0, 8.0)}
     drive(robot, 5801 + 2 * robot.period_ms)
     assert robot.things() == {}
-    assert robot.aim() == robot.task.starts_m[0]
+    assert robot.target_point() == robot.task.starts_m[0]
 
 
 def test_of_each_robot_one_word_is_known():

@@ -19,7 +19,7 @@ from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines, table
-from phalanx.wire.framing import framed
+from phalanx.wire.framing import encode_frame
 from serial_keys import LIMITS, MASTER, sealed
 
 # Who asks has his turn at once: a board without work polls its line as fast as it can.
@@ -79,7 +79,7 @@ def test_reset_at_any_moment_no_mission_number_is_taken_twice(tmp_path):
             board = made.board()
             assert board.about.seq >= answered
             call = lines.LOAD_MISSION.encode(number=9, **sealed(seq)._asdict())
-            board._line.send(framed(call), time.monotonic() + 60)
+            board._line.send(encode_frame(call), time.monotonic() + 60)
             time.sleep(chance.random() * 0.03)
             made.reset()
             board = made.board()

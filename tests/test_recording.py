@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import Unavailable, UsageError
 from phalanx.recording.recorded import read_recording
-from phalanx.world.scenarios.play import STEP_S, play
+from phalanx.world.scenarios.play import STEP_S, run_scenario
 from phalanx.world.scenarios.recording import HONEST, LIAR, NS, STOPPED
 from recorded_scenario import SCENARIO
 
@@ -51,7 +51,7 @@ def read(path):
 def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "small.mcap"
     watched = Watched()
-    run = play(SCENARIO, path, watched)
+    run = run_scenario(SCENARIO, path, watched)
     return path, watched.steps, run
 
 
@@ -154,9 +154,9 @@ def test_goal_and_obstacles_are_there_from_the_start(recorded):
 def test_the_same_run_gives_the_same_file_and_is_the_same_unrecorded(recorded, tmp_path):
     path, _, run = recorded
     again = tmp_path / "again.mcap"
-    play(SCENARIO, again)
+    run_scenario(SCENARIO, again)
     assert again.read_bytes() == path.read_bytes()
-    assert play(SCENARIO).summary()["digest"] == run.summary()["digest"]
+    assert run_scenario(SCENARIO).summary()["digest"] == run.summary()["digest"]
 
 
 def test_a_recording_that_is_interrupted_has_its_index(tmp_path):
@@ -169,7 +169,7 @@ def test_a_recording_that_is_interrupted_has_its_index(tmp_path):
 
     path = tmp_path / "short.mcap"
     with pytest.raises(Enough):
-        play(SCENARIO, path, stop)
+        run_scenario(SCENARIO, path, stop)
     found, _, counts = read(path)
     assert counts["/tf"] == 5
     assert found["/tf"][-1][0] == 1.0
@@ -177,9 +177,9 @@ def test_a_recording_that_is_interrupted_has_its_index(tmp_path):
 
 def test_where_nothing_can_be_written_one_line_says_so(tmp_path):
     with pytest.raises(UsageError, match="no folder"):
-        play(SCENARIO, tmp_path / "none" / "x.mcap")
+        run_scenario(SCENARIO, tmp_path / "none" / "x.mcap")
     with pytest.raises(Unavailable, match="cannot write"):
-        play(SCENARIO, tmp_path)
+        run_scenario(SCENARIO, tmp_path)
 
 
 def test_what_was_cut_short_at_once_is_told_from_what_is_no_recording(tmp_path):

@@ -121,10 +121,10 @@ def test_sigterm_ends_it_with_a_line_as_ctrl_c_does(figures, phalanx, tmp_path):
 
 def test_quick_is_less_of_what_is_not_said():
     fig4, fig9 = FIGURES["link-fig4"], FIGURES["bti-fig9"]
-    assert fig9.asked({}) == {"seeds": 20}
-    assert fig9.asked({}, quick=True) == {"seeds": 2}
-    assert fig9.asked({"seeds": 5}, quick=True) == {"seeds": 5}
-    assert fig4.asked({}, quick=True) == {"broker": "mosquitto", "duration": 10.0}
+    assert fig9.option_values({}) == {"seeds": 20}
+    assert fig9.option_values({}, quick=True) == {"seeds": 2}
+    assert fig9.option_values({"seeds": 5}, quick=True) == {"seeds": 5}
+    assert fig4.option_values({}, quick=True) == {"broker": "mosquitto", "duration": 10.0}
 
 
 def test_every_figure_makes_statements_for_the_page():

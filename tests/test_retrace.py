@@ -18,9 +18,9 @@ from phalanx.bti.request import HEAD_BYTES
 from phalanx.config import BtiConfig
 from phalanx.daemon import evidence
 from phalanx.daemon.driver import no_reading
-from phalanx.daemon.evidence import Kept, read_kept, record_log
+from phalanx.daemon.evidence import RobotLog, read_robot_log, record_log
 from phalanx.daemon.kept_log import KeptLog
-from phalanx.daemon.proofs import Proven, proven
+from phalanx.daemon.proofs import ProofResult, check_proofs
 from phalanx.errors import UsageError
 from phalanx.recording.recorded import MOST_CHUNK_BYTES
 from phalanx.robot.retrace import entries_of
@@ -45,11 +45,11 @@ def kept():
         if robot.checkpoint_no > 1 or robot.tokens_got:
             break
         shown = raw
-    return Kept(ME + 1, 1, int(robot.t_key), MISSION, shown)
+    return RobotLog(ME + 1, 1, int(robot.t_key), MISSION, shown)
 
 
 def changed(kept, raw):
-    return Kept(kept.robot, kept.mission, kept.t_key_ms, kept.scenario, bytes(raw)).first_lie()
+    return RobotLog(kept.robot, kept.mission, kept.t_key_ms, kept.scenario, bytes(raw)).first_dishonest_entry()
 
 
 def of_kind(kept, kind, nth=1):
@@ -58,7 +58,7 @@ def of_kind(kept, kind, nth=1):
 
 def test_an_honest_log_has_no_fault_wherever_it_was_cut_short(kept):
     assert {each.kind for each in kept.entries()} >= {ENTRY_INPUT, ENTRY_RECV, ENTRY_ACMD}
-    assert kept.first_lie() is None
+    assert kept.first_dishonest_entry() is None
     _, reading = of_kind(kept, ENTRY_INPUT)
     for length in (*range(0, len(kept.raw), 31), *range(reading.at, reading.end)):
         assert changed(kept, kept.raw[:length]) is None
@@ -122,21 +122,21 @@ def test_a_recording_that_unpacks_to_much_more_than_a_log_is_refused(tmp_path, m
         writer.finish()
     assert path.stat().st_size < 1 << 13
     with pytest.raises(UsageError, match=r"x\.mcap unpacks to more"):
-        read_kept(path)
+        read_robot_log(path)
 
 
 def test_a_recording_of_a_log_says_what_the_log_says(kept, tmp_path):
     head = {"robot": kept.robot, "mission": 1, "t_key_ms": kept.t_key_ms, "scenario": written_scenario(MISSION)}
     path, recording = tmp_path / "robot-2.log", tmp_path / "robot-2.mcap"
     path.write_bytes(json.dumps(head).encode() + b"\n" + kept.raw)
-    assert read_kept(path) == kept
+    assert read_robot_log(path) == kept
     assert record_log(path, recording) == len(kept.entries())
-    assert read_kept(recording) == kept
+    assert read_robot_log(recording) == kept
     whole = recording.read_bytes()
     for share in (2, 4, 8):
         recording.write_bytes(whole[: len(whole) - len(whole) // share])
         with pytest.raises(UsageError, match=r"robot-2\.mcap (was cut short|is not a recording)"):
-            read_kept(recording)
+            read_robot_log(recording)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_what_is_no_log_is_said_in_a_line(tmp_path, data):
     path = tmp_path / "x.log"
     path.write_bytes(data)
     with pytest.raises(UsageError, match=r"x\.log"):
-        read_kept(path)
+        read_robot_log(path)
 
 
 def test_who_acts_as_if_there_had_been_a_reading_or_acts_not_at_all_is_convicted(kept):
@@ -180,14 +180,14 @@ def test_a_log_of_a_protocols_robot_is_gone_through_by_the_protocol_itself(tmp_p
     scenario = {"robots": 2, "controller": controller, "bti": {"f_max": 1}}
     path = tmp_path / "x.log"
     path.write_bytes(json.dumps({"robot": 1, "mission": 1, "t_key_ms": 5, "scenario": scenario}).encode() + b"\n")
-    assert read_kept(path).first_lie() is None
+    assert read_robot_log(path).first_dishonest_entry() is None
     path.write_bytes(path.read_bytes() + ENTRY.encode(type=ENTRY_ACMD, t=9, payload=b"\x03"))
-    assert read_kept(path).first_lie().refusal.name == "OUTPUT_UNCALLED"
+    assert read_robot_log(path).first_dishonest_entry().refusal.name == "OUTPUT_UNCALLED"
     far = scenario | {"obstacles": [{"left_m": -1e5, "bottom_m": -1e5, "right_m": 1e5, "top_m": 1e5}]}
     path.write_bytes(path.read_bytes().replace(json.dumps(scenario).encode(), json.dumps(far).encode()))
     if controller == "warehouse":  # whoever gives evidence may not choose how long it takes
         with pytest.raises(UsageError, match="warehouse of"):
-            read_kept(path).first_lie()
+            read_robot_log(path).first_dishonest_entry()
 
 
 @pytest.fixture(scope="module")
@@ -210,19 +210,19 @@ def borne(tmp_path_factory):
             mine = {name: getattr(fleet, name)[ME : ME + 1] for name in ("robot", "log", "log_rest")}
             kept.keep(SimpleNamespace(**mine, request=shown))
         t_key_ms = int(fleet.robot[ME].t_key)
-    return Kept(ME + 1, 1, t_key_ms, MISSION, path.read_bytes().partition(b"\n")[2]), keys[0]
+    return RobotLog(ME + 1, 1, t_key_ms, MISSION, path.read_bytes().partition(b"\n")[2]), keys[0]
 
 
 def test_who_has_the_mission_key_sees_that_a_log_is_what_trusted_nodes_saw(borne, tmp_path):
     log, key = borne
-    found = proven(log, key)
+    found = check_proofs(log, key)
     assert found.holds
     assert 0 < found.entries <= len(log.entries())
-    assert log.first_lie() is None
+    assert log.first_dishonest_entry() is None
     written = tmp_path / "2.log"
     written.write_bytes(json.dumps(log.head).encode() + b"\n" + log.raw)
     assert record_log(written, tmp_path / "2.mcap") > len(log.entries())
-    assert proven(read_kept(tmp_path / "2.mcap"), key) == found
+    assert check_proofs(read_robot_log(tmp_path / "2.mcap"), key) == found
 
 
 def test_another_log_than_they_saw_is_not_proven_and_one_without_proofs_proves_nothing(borne):
@@ -233,12 +233,12 @@ def test_another_log_than_they_saw_is_not_proven_and_one_without_proofs_proves_n
         for at in (each.at + 1, each.end - 1):
             raw = bytearray(log.raw)
             raw[at] ^= 1
-            assert proven(replace(log, raw=bytes(raw)), key).false_at is not None
-        assert not proven(replace(log, raw=log.raw[: each.at] + log.raw[each.end :]), key).holds
-    assert not proven(replace(log, raw=log.plain()), key).holds
-    assert proven(log, bytes(20)) == Proven(0, 0, proven(log, bytes(20)).false_at)
+            assert check_proofs(replace(log, raw=bytes(raw)), key).false_at is not None
+        assert not check_proofs(replace(log, raw=log.raw[: each.at] + log.raw[each.end :]), key).holds
+    assert not check_proofs(replace(log, raw=log.plain()), key).holds
+    assert check_proofs(log, bytes(20)) == ProofResult(0, 0, check_proofs(log, bytes(20)).false_at)
     for at in (proofs[0].at + 1, proofs[0].end - 70, proofs[0].at + 8):  # whom it asked, MACs, the robot
         raw = bytearray(log.raw)
         raw[at] ^= 1
-        changed = proven(replace(log, raw=bytes(raw)), key)
+        changed = check_proofs(replace(log, raw=bytes(raw)), key)
         assert changed.holds or changed.entries == 0

@@ -35,21 +35,21 @@ from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.driver import Driver, NoReading, OwnDriver, make_driver, no_reading
 from phalanx.daemon.driver_thread import DriverThread
-from phalanx.daemon.evidence import Kept
+from phalanx.daemon.evidence import RobotLog
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.lateness import Lateness, why_stopped
 from phalanx.daemon.life import Life
-from phalanx.daemon.proofs import NOBODY, signed_in
+from phalanx.daemon.proofs import NOBODY, count_signed_messages
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
-from phalanx.daemon.state import told as fuse_matches
+from phalanx.daemon.state import read_state as fuse_matches
 from phalanx.daemon.trusted import check_may_have_key, connect_nodes, provision_keys
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.scorecard.card import write_csv
 from phalanx.net import serial_line, udp_radio
-from phalanx.net.mission_key import issued, read_board, read_mission_key
+from phalanx.net.mission_key import encode_mission_key_file, read_board, read_mission_key
 from phalanx.net.serial_line import open_line
-from phalanx.net.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
+from phalanx.net.udp_radio import LEAST_WAITING, PeerLimits, UdpRadio, parse_address
 from phalanx.papers.table import Table, TableFile
 from phalanx.recording.recorder import Recorder
 from phalanx.robot.controllers import dispatch
@@ -125,7 +125,7 @@ def test_what_is_written_of_a_scenario_is_read_as_the_same():
 
 def test_a_mission_key_is_read_for_the_robot_that_it_is_sealed_for(tmp_path):
     path, sealed = tmp_path / "key.json", seal_mission_key(bytes(20), bytes(range(20)), bytes(20), 7)
-    path.write_bytes(issued(7, {3: sealed}, {}))
+    path.write_bytes(encode_mission_key_file(7, {3: sealed}, {}))
     assert read_mission_key(path, 3) == sealed
     with pytest.raises(UsageError, match="no key for robot 4"):
         read_mission_key(path, 4)
@@ -180,7 +180,9 @@ def test_a_master_key_goes_to_nobody_over_a_network(tmp_path, where):
     with pytest.raises(UsageError, match="cannot send a master key to"):
         provision(settings, tmp_path / "no.keys", "", "2026-01-01")
     node = SimpleNamespace(about=SimpleNamespace(robot_id=0))
-    (tmp_path / "key.json").write_bytes(issued(1, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 1)}, {}))
+    (tmp_path / "key.json").write_bytes(
+        encode_mission_key_file(1, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 1)}, {})
+    )
     with pytest.raises(UsageError, match="cannot send a master key to"):
         provision_keys(node, settings, None)
 
@@ -198,7 +200,9 @@ def test_where_it_stays_on_this_machine_it_may(tmp_path, here):
 
 
 def test_a_folder_that_cannot_be_written_is_found_before_the_missions_key_is_used_up(tmp_path, monkeypatch):
-    (tmp_path / "key.json").write_bytes(issued(7, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 7)}, {}))
+    (tmp_path / "key.json").write_bytes(
+        encode_mission_key_file(7, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 7)}, {})
+    )
     (tmp_path / "board.bin").write_bytes(BOARD.encode(id=3, master=bytes(20)))
     settings = robot(tmp_path, ROBOT + "board: board.bin\nfolder: nowhere\n")
     monkeypatch.setattr(daemon_run, "start", None)
@@ -262,7 +266,7 @@ def a_log(*packets):
         gateway_key=PUBLIC[GATEWAY].hex(),
         operator_key=PUBLIC[OPERATOR].hex(),
     )
-    return Kept(1, MISSION, 500, scenario, b"".join(told))
+    return RobotLog(1, MISSION, 500, scenario, b"".join(told))
 
 
 def test_who_said_what_a_robot_was_told_is_named_and_what_nobody_signed_as_well(monkeypatch):
@@ -280,14 +284,14 @@ def test_who_said_what_a_robot_was_told_is_named_and_what_nobody_signed_as_well(
         b"\x04",
         stop[:80],
     ]
-    found = {each.signer: each for each in signed_in(a_log(*packets))}
+    found = {each.signer: each for each in count_signed_messages(a_log(*packets))}
     assert set(found) == {"gateway", "operator", NOBODY}
     gateway = found["gateway"]
     assert (gateway.count, gateway.first_s, gateway.last_s) == (2, 0.5, 3.5)
     assert gateway.key == PUBLIC[GATEWAY].hex()
     assert (found["operator"].count, found[NOBODY].count, found[NOBODY].key) == (1, 2, "")
     monkeypatch.setattr(proofs, "MOST_LOOKS", 2)
-    assert [(each.signer, each.count) for each in signed_in(a_log(*packets))][2:] == [(proofs.UNKNOWN, 3)]
+    assert [(each.signer, each.count) for each in count_signed_messages(a_log(*packets))][2:] == [(proofs.UNKNOWN, 3)]
 
 
 def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback(tmp_path, capsys):
@@ -392,7 +396,7 @@ def test_a_recording_over_a_link_that_somebody_laid_is_refused(tmp_path):
 @pytest.mark.parametrize("words", ["", "1.2.3.4", "host:5", "1.2.3.4:0", "1.2.3.4:65536", "[::1", "1.2.3.4:٣", ":5"])
 def test_what_is_no_address_is_said(words):
     with pytest.raises(UsageError, match="is not an address"):
-        parsed(words)
+        parse_address(words)
 
 
 def a_global_address() -> str:
@@ -456,7 +460,7 @@ def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
 
 
 @contextlib.contextmanager
-def a_radio_and_its_peers(silent: int, may: Allowance) -> Iterator[tuple[UdpRadio, Callable[..., None], list[Any]]]:
+def a_radio_and_its_peers(silent: int, may: PeerLimits) -> Iterator[tuple[UdpRadio, Callable[..., None], list[Any]]]:
     """A radio, what says something to it so often, and two of its peers' sockets, and a stranger's."""
     with contextlib.ExitStack() as stack:
         made = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(4)]
@@ -477,7 +481,7 @@ def a_radio_and_its_peers(silent: int, may: Allowance) -> Iterator[tuple[UdpRadi
 
 @pytest.mark.parametrize("silent", [0, 62])
 def test_who_floods_a_radio_waits_for_itself_and_holds_up_another_by_one_frame(silent):
-    with a_radio_and_its_peers(silent, Allowance()) as (radio, say, (flood, it, stranger)):
+    with a_radio_and_its_peers(silent, PeerLimits()) as (radio, say, (flood, it, stranger)):
         say(flood, b"flood", 3000)
         say(stranger, b"stranger", 700)
         for word in (b"one", b"two"):
@@ -493,7 +497,7 @@ def test_of_each_peer_as_many_frames_are_read_as_its_a_node_lets_through(monkeyp
     now_s = [1000.0]
     monkeypatch.setattr(udp_radio.time, "monotonic", lambda: now_s[0])
     state, audit = b"\x01" + bytes(26), b"\x80" + bytes(26)
-    may = Allowance(packets_per_s=40, send_us_per_s=300, send_capacity_us=400, fixed_us=73, ns_per_byte=1000)
+    may = PeerLimits(packets_per_s=40, send_us_per_s=300, send_capacity_us=400, fixed_us=73, ns_per_byte=1000)
     with a_radio_and_its_peers(0, may) as (radio, say, (flood, it, _)):
         say(flood, state, 20)
         assert heard_by(radio) == [state] * 4, "each takes 100 us"
@@ -511,7 +515,7 @@ def test_of_each_peer_as_many_frames_are_read_as_its_a_node_lets_through(monkeyp
 
 
 def test_a_second_radio_at_the_same_address_is_refused():
-    with a_radio_and_its_peers(0, Allowance()) as (radio, _, (peer, *_)):
+    with a_radio_and_its_peers(0, PeerLimits()) as (radio, _, (peer, *_)):
         with pytest.raises(Unavailable, match="in use") as taken:
             UdpRadio("{}:{}".format(*radio._here), ["{}:{}".format(*peer.getsockname())])
         assert taken.value.hint.startswith("use another port")

@@ -21,13 +21,13 @@ from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.nodes import limits_of
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig, RadioConfig
-from phalanx.daemon.evidence import read_kept
-from phalanx.daemon.proofs import proven, unsealed
+from phalanx.daemon.evidence import read_robot_log
+from phalanx.daemon.proofs import check_proofs, unsealed
 from phalanx.daemon.settings import read_robot
-from phalanx.daemon.state import told
+from phalanx.daemon.state import read_state
 from phalanx.daemon.trusted import connect_nodes, provision_keys, start
-from phalanx.net.keyring import create, opened
-from phalanx.net.mission_key import issued, read_board, read_mission_key
+from phalanx.net.keyring import create, open_keyring
+from phalanx.net.mission_key import encode_mission_key_file, read_board, read_mission_key
 from phalanx.wire import guarded
 from phalanx.wire.table import ACCELERATION, ENTRY_ACMD
 from robot_folder import write_robot
@@ -110,21 +110,21 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     assert all(told.get("bad_mac") and told.get("repeated") for told in heard), heard
     assert 0.7 < summary["broadcast_delivery"] < 0.9
     # What they logged says the same, from the mission key on: over many checkpoints, and as a recording too.
-    assert read_kept(kept / "robot-1.log").first_lie() is None
-    assert len(read_kept(kept / "robot-1.log").raw) > summary["log_bytes_max"], "nothing was ever covered"
+    assert read_robot_log(kept / "robot-1.log").first_dishonest_entry() is None
+    assert len(read_robot_log(kept / "robot-1.log").raw) > summary["log_bytes_max"], "nothing was ever covered"
     # And it is what their trusted nodes saw: with the key that only these have.
     for rob_id in (1, 3):
-        log = read_kept(kept / f"robot-{rob_id}.log")
+        log = read_robot_log(kept / f"robot-{rob_id}.log")
         sealed = read_mission_key(kept / "key.json", rob_id)
         key = unsealed(read_board(kept / f"board-{rob_id}.bin", rob_id), sealed)
-        assert proven(log, key).holds
-        assert proven(log, key).entries > len(log.entries()) // 2
+        assert check_proofs(log, key).holds
+        assert check_proofs(log, key).entries > len(log.entries()) // 2
         # A command that another stands for, as a robot would write it that wants to have been honest.
         other = next(each for each in log.entries() if each.kind == ENTRY_ACMD)
         raw = bytearray(log.raw)
         raw[other.end - 1] ^= 1
-        assert proven(replace(log, raw=bytes(raw)), key).entries == 0
-        assert not proven(log, bytes(20)).holds
+        assert check_proofs(replace(log, raw=bytes(raw)), key).entries == 0
+        assert not check_proofs(log, bytes(20)).holds
     recording = tmp_path / "3.mcap"
     assert run_command(["robot", "log", str(kept / "robot-3.yaml"), "--out", str(recording)]) == 0
     capsys.readouterr()
@@ -227,7 +227,7 @@ def test_a_daemon_that_is_killed_is_named_and_is_none_of_the_correct(tmp_path, a
             assert time.monotonic() < until_s
             time.sleep(0.05)
         time.sleep(1)
-        os.kill(told(keep / "robot-4.json")["pid"], signal.SIGKILL)
+        os.kill(read_state(keep / "robot-4.json")["pid"], signal.SIGKILL)
         out, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert "phalanx: error: robot 4 was killed by SIGKILL, within " in err
@@ -286,9 +286,9 @@ def test_a_robots_nodes_are_given_their_master_key_over_their_line_and_once(tmp_
     assert run_command(command) == 2
     assert "got its master key" in capsys.readouterr().err
     path.write_text(json.dumps(said))
-    with opened(ring, "some words that nobody guesses") as keys:
+    with open_keyring(ring, "some words that nobody guesses") as keys:
         number, sealed = keys.issue()
-    (tmp_path / "key.json").write_bytes(issued(number, sealed, {}))
+    (tmp_path / "key.json").write_bytes(encode_mission_key_file(number, sealed, {}))
     settings = read_robot(path)
     node = connect_nodes(settings)
     try:
@@ -380,13 +380,15 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
             assert body.commanded()["id"] == body.commanded()["id"] == 2  # at the second, the first is on disk
             state = tmp_path / "robot-2.json"
             assert state.stat().st_mode & 0o777 == 0o600
-            assert told(state)["pid"] == robot.pid
+            assert read_state(state)["pid"] == robot.pid
             os.kill(robot.pid, signal.SIGKILL)
             until_s = time.monotonic() + 60
             while body.told():  # to its motors' socket's end
                 assert time.monotonic() < until_s
         advice = {
-            kept.raw[each.at : each.end] for kept in [read_kept(tmp_path / "robot-2.log")] for each in kept.entries()
+            kept.raw[each.at : each.end]
+            for kept in [read_robot_log(tmp_path / "robot-2.log")]
+            for each in kept.entries()
         }
         assert guarded.ADVICE.encode(bytes=WISHED) in advice, "its planner was not asked, or it is not on disk"
         again = subprocess.run((*PHALANX, "robot", "run", str(path)), capture_output=True, text=True, check=False)
@@ -399,7 +401,7 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
         # Now over a line, as to a board, and with a controller of its own.
         del said["planner"], said["wheels"]
         for kind in lines:
-            (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+            (tmp_path / "key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
             with a_board(tmp_path, kind) as trusted:
                 path.write_text(json.dumps(said | {"controller": "still.py:Follow", "trusted": trusted}))
                 with running(path):

@@ -18,9 +18,9 @@ from commands import called
 from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
 from phalanx.cli.credentials import read_signing_key
-from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.evidence import read_robot_log
 from phalanx.daemon.gateway_node import GatewayNode, gateway_limits
-from phalanx.daemon.proofs import NOBODY, mac_of, signed_in, unsealed
+from phalanx.daemon.proofs import NOBODY, count_signed_messages, mac_of, unsealed
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.swarm import LAST_TIMES, YEAR_MS, RobotSwarm
@@ -29,7 +29,7 @@ from phalanx.daemon.trusted import program
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.net import QrkeyClient
 from phalanx.net.keyring import Keys, pem
-from phalanx.net.mission_key import issued, read_mission_key
+from phalanx.net.mission_key import encode_mission_key_file, read_mission_key
 from phalanx.net.serial_line import open_line
 from phalanx.net.serial_node import SerialNode
 from phalanx.robot import Led, Point
@@ -94,7 +94,7 @@ def file(tmp_path, robots):
     keys = Keys.new("test")
     for rob_id in (1, 2):
         keys.provision(rob_id, "2026-01-01")
-    (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (tmp_path / "key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
     (tmp_path / "mission.yaml").write_text(MISSION + NAMED)
     at = [{"robot": rob_id, "at": where} for rob_id, where in enumerate(robots.at, 1)]
     said = {"mission": "mission.yaml", "key": "key.json", "here": robots.here, "robots": at}
@@ -113,7 +113,7 @@ def protected(file):
     for rob_id in (1, 2, 9):
         master = keys.provision(rob_id, "2026-01-01")
     file.with_name("gateway.bin").write_bytes(BOARD.encode(id=9, master=master))
-    file.with_name("key.json").write_bytes(issued(*keys.issue(), {}))
+    file.with_name("key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
     nodes = {"trusted": "process:gateway.flash", "number": 9, "board": "gateway.bin"}
     file.write_text(json.dumps(json.loads(file.read_text()) | nodes))
     return file, unsealed(master, read_mission_key(file.with_name("key.json"), 9))
@@ -456,13 +456,13 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
         arena.wait()
     assert summary["correct_in_safe_mode"] == []
     # Whoever has the log can tell who ordered what: with another mission's keys or number it is no honest robot's.
-    log = read_kept(kept / "robot-2.log")
-    said = {each.signer: each for each in signed_in(log)}
+    log = read_robot_log(kept / "robot-2.log")
+    said = {each.signer: each for each in count_signed_messages(log)}
     assert set(said) == {"gateway", "operator"}
     assert said["gateway"].key == log.scenario.gateway_key
     assert said["gateway"].count > 5, "a beacon a second, and a route"
     assert 0 < said["operator"].first_s <= said["operator"].last_s < 60
     other = replace(log, scenario=replace(log.scenario, operator_key=log.scenario.gateway_key))
-    assert {each.signer for each in signed_in(other)} == {"gateway", NOBODY}
-    assert log.first_lie() is None
-    assert replace(log, mission=log.mission + 1).first_lie().refusal == Refusal.OUTPUT_WRONG
+    assert {each.signer for each in count_signed_messages(other)} == {"gateway", NOBODY}
+    assert log.first_dishonest_entry() is None
+    assert replace(log, mission=log.mission + 1).first_dishonest_entry().refusal == Refusal.OUTPUT_WRONG

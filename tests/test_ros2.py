@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from phalanx.daemon.state import told
+from phalanx.daemon.state import read_state
 from phalanx.lab.arena.places import free_ports
 from phalanx.net.keyring import Keys
-from phalanx.net.mission_key import issued
+from phalanx.net.mission_key import encode_mission_key_file
 from phalanx.wire.table import BOARD
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
@@ -67,7 +67,7 @@ def laid_out(folder, robots, attacks="[]"):
             "radio": {"here": here, "peers": peers or ["127.0.0.1:9"]},
         }
         (folder / f"robot-{robot}.yaml").write_text(json.dumps(said))
-    (folder / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (folder / "key.json").write_bytes(encode_mission_key_file(*keys.issue(), {}))
 
 
 @contextlib.contextmanager
@@ -97,7 +97,7 @@ def test_of_four_robots_one_is_taken_over_and_stopped_and_the_others_reach_their
     laid_out(tmp_path, 4, f"[{{name: hijack, robot: 3, at_s: {HIJACKED_S}}}]")
     with living(environment, *guards(tmp_path, 4), (*WORLD, "planners")):
         seen = world(environment, 4, 22)
-    states = {robot: told(tmp_path / f"robot-{robot}.json") for robot in range(1, 5)}
+    states = {robot: read_state(tmp_path / f"robot-{robot}.json") for robot in range(1, 5)}
     assert [state["safe_mode"] for state in states.values()] == [False, False, True, False]
     refusals = {(each["auditee"], each["reason"]) for state in states.values() for each in state["refused"]}
     assert refusals == {(3, "output wrong")}
@@ -113,7 +113,7 @@ def test_a_planner_that_is_taken_over_touches_nobody_past_its_guard(tmp_path, en
     laid_out(tmp_path, 4)
     with living(environment, *guards(tmp_path, 4), (*WORLD, "planners", "--hijacked", "3")):
         seen = world(environment, 4, 22)
-    assert not any(told(tmp_path / f"robot-{robot}.json")["safe_mode"] for robot in range(1, 5))
+    assert not any(read_state(tmp_path / f"robot-{robot}.json")["safe_mode"] for robot in range(1, 5))
     assert seen["robots"]["3"]["moved_s"] > 0
     assert seen["nearest_m"] > ENVELOPE_M - 2 * AHEAD_M
     assert seen["robots"]["1"]["reached_s"]
@@ -164,13 +164,13 @@ def test_the_pages_first_example_runs_and_robots_stand_without_odometry(tmp_path
             comes_to(bases, 1.0)
         time.sleep(3)
         for robot in (1, 2, 3):
-            missing = told(tmp_path / f"robot-{robot}.json")["no_reading"]
+            missing = read_state(tmp_path / f"robot-{robot}.json")["no_reading"]
             assert missing["why"] == f"no odometry on /r{robot}/odom"
             assert missing["for_s"] > 1
         with group(environment, tmp_path, sys.executable, "bases.py") as bases:
             comes_to(bases, 1.0)
     for robot in (1, 2, 3):
-        state = told(tmp_path / f"robot-{robot}.json")
+        state = read_state(tmp_path / f"robot-{robot}.json")
         assert (state["safe_mode"], state["why_ended"]) == (False, "it was told to end")
 
 

@@ -28,7 +28,7 @@ from phalanx.scenarios.file import (
     scenario_schema,
 )
 from phalanx.scenarios.scenario import Scenario
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 
 DATA = Path(phalanx.__file__).parent / "data"
 SPOOF = AttackSpec(name="spoof")
@@ -260,7 +260,7 @@ class TestPage:
 
     def test_its_words_on_reading_a_recording_read_one(self, tmp_path, monkeypatch, capsys):
         script = re.findall(r"^```python\n(.*?)^```$", self.PAGE, re.MULTILINE | re.DOTALL)[0]
-        play(Scenario(robots=2, duration_s=1.0, defence="none"), tmp_path / "fig9.mcap")
+        run_scenario(Scenario(robots=2, duration_s=1.0, defence="none"), tmp_path / "fig9.mcap")
         monkeypatch.chdir(tmp_path)
         exec(script, {})
         lines = capsys.readouterr().out.splitlines()

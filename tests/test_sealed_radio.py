@@ -21,7 +21,7 @@ from phalanx.config import BtiConfig
 from phalanx.daemon.life import Life
 from phalanx.daemon.on_air import forgeries, parse_on_air
 from phalanx.daemon.sealed_air import SENDERS, SealedAir, with_room_for_seals
-from phalanx.daemon.trusted import OwnClock
+from phalanx.daemon.trusted import NodeClock
 from phalanx.errors import UsageError
 from phalanx.robot.planner import ToGoal
 from phalanx.robot.runtime import NEVER_MS
@@ -315,7 +315,7 @@ def test_a_planner_hears_no_frame_that_its_a_node_refused():
     mission = Scenario(robots=4, controller="guard", bti=BtiConfig(f_max=1))
     came = deque(STATE.encode(id=rob_id, t=1, x_m=0.0, y_m=0.0, vx_mps=0.0, vy_mps=0.0) for rob_id in (2, 1, 2))
     radio = SimpleNamespace(take=lambda: came.popleft() if came else b"")
-    life = Life(mission, 3, OwnClock(Nodes()), None, radio, Listens)
+    life = Life(mission, 3, NodeClock(Nodes()), None, radio, Listens)
     life.begin()
     life.runtime.check_ms = life.runtime.wake_ms = NEVER_MS
     life.runtime._audits = [(NEVER_MS, False, False)]

@@ -37,7 +37,7 @@ def is_hello(sealed):
 
 
 class SealedNodes:
-    """The two trusted nodes of a robot, in C, its radio sealed: an `Elsewhere` in this process."""
+    """The two trusted nodes of a robot, in C, its radio sealed: an `RemoteNodes` in this process."""
 
     def __init__(self, rob_id, limits, now_ms):
         self.snode, self.anode, self.seals = (FFI.new(f"phx_{each} *") for each in ("snode", "anode", "seals"))
@@ -73,7 +73,7 @@ class Member:
         self.sent, self.waiting, self.refused = [], deque(), {}
         self.nodes = SealedNodes(rob_id, limits_of(scenario.bti, scenario.radio), now_ms)
         self.air = SealedAir(self.nodes, self)
-        self.rows = elsewhere.place([self.air])
+        self.rows = elsewhere.register_remote([self.air])
         self.fleet = make_fleet(
             1,
             scenario.bti,
@@ -133,7 +133,7 @@ class Member:
         return out
 
     def close(self):
-        elsewhere.forget(self.rows)
+        elsewhere.unregister_remote(self.rows)
 
 
 class Swarm:

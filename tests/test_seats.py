@@ -58,7 +58,7 @@ def test_when_all_are_known_it_is_who_was_silent_longest():
     seats: Seats[Sitting] = Seats(10)
     sit = [Sitting(seats, "here", float(n)) for n in range(10)]
     for one in sit:
-        seats.know(one)
+        seats.mark_known(one)
     for one in sit[:6]:
         seats.heard(one)
     Sitting(seats, "there", 20.0)
@@ -82,13 +82,13 @@ def test_who_is_known_keeps_its_seat_while_there_are_others_and_leaves_some_to_t
     known = [Sitting(seats, "school", float(n)) for n in range(50)]
     for one in known:
         seats.heard(one)
-        seats.know(one)
+        seats.mark_known(one)
     for n in range(1000):
         seats.heard(Sitting(seats, f"flood {n % 200}", 100.0 + n))
     assert len(seats) == 100
     assert not any(one.left for one in known)
     for n in range(200):
-        seats.know(late := Sitting(seats, f"more {n % 10}", 2000.0 + n))
+        seats.mark_known(late := Sitting(seats, f"more {n % 10}", 2000.0 + n))
         assert not late.left
     assert len(seats._known) <= KNOWN_PERCENT + 1
     assert sum(one.left for one in known) > 25, "of where most are"

@@ -38,9 +38,9 @@ def test_a_board_that_goes_in_the_middle_of_a_run_ends_it_with_one_clear_error(t
 
 def test_every_function_of_a_node_that_is_here_has_one_that_is_elsewhere():
     assert set(trusted.ELSEWHERE) == {each.__name__ for each in elsewhere.FUNCTIONS}
-    row = elsewhere.place([None])
+    row = elsewhere.register_remote([None])
     assert row.shape == (1, trusted.ELSEWHERE_BYTES)
-    elsewhere.forget(row)
+    elsewhere.unregister_remote(row)
     nobody = np.zeros(8, np.uint8)
     assert (
         trusted.anode_issue_token.py_func(

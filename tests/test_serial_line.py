@@ -20,7 +20,7 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.net.serial_line import SerialLine, open_line
 from phalanx.net.serial_node import SerialNode
 from phalanx.wire import lines
-from phalanx.wire.framing import Frames, framed
+from phalanx.wire.framing import Frames, encode_frame
 from serial_keys import LIMITS, MASTER, sealed
 
 CASES = json.loads((boards.ROOT / "vectors" / "serial.json").read_text())["cases"]
@@ -44,18 +44,18 @@ class TestFrames:
         found = [p for at in range(0, len(stream), piece) for p in frames.feed(stream[at : at + piece])]
         assert [payload.hex() for payload in found] == case["payloads"]
         if stream.count(0) == 2 and stream[:1] == stream[-1:] == b"\0":
-            assert framed(found[0]).hex() == case["stream"]
+            assert encode_frame(found[0]).hex() == case["stream"]
 
     @settings(deadline=None, max_examples=25)
     @given(payloads=st.lists(PAYLOADS, max_size=4), rubbish=st.lists(st.binary(max_size=40), min_size=5, max_size=5))
     def test_rubbish_between_frames_costs_none_of_them(self, payloads, rubbish):
-        stream = rubbish[4] + b"".join(framed(p) + r for p, r in zip(payloads, rubbish, strict=False))
+        stream = rubbish[4] + b"".join(encode_frame(p) + r for p, r in zip(payloads, rubbish, strict=False))
         assert [p for p in Frames(LONGEST).feed(stream) if p in payloads] == payloads
 
     @settings(deadline=None, max_examples=25)
     @given(st.lists(PAYLOADS, min_size=3, max_size=3), st.binary(min_size=1, max_size=30), st.data())
     def test_rubbish_inside_a_frame_costs_that_one_alone(self, payloads, rubbish, data):
-        first, second, third = map(framed, payloads)
+        first, second, third = map(encode_frame, payloads)
         at = data.draw(st.integers(1, len(second) - 1))
         cut = data.draw(st.integers(at, len(second)))
         found = list(Frames(LONGEST).feed(first + second[:at] + rubbish + second[cut:] + third))
@@ -147,7 +147,9 @@ class TestBoard:
     @given(st.binary(max_size=400), st.binary(max_size=60))
     def test_rubbish_locks_nothing_up(self, process_board, rubbish, more):
         board = process_board
-        board._line.send(rubbish + b"\0" + framed(more) + framed(bytes([0x5F]) + more), time.monotonic() + 60)
+        board._line.send(
+            rubbish + b"\0" + encode_frame(more) + encode_frame(bytes([0x5F]) + more), time.monotonic() + 60
+        )
         code, about = board._call(lines.HELLO, version=lines.VERSION)
         assert code == 0
         assert about[:1] == bytes([lines.VERSION])
@@ -156,7 +158,7 @@ class TestBoard:
     def test_who_asks_and_does_not_listen_is_answered_once_he_does(self, tmp_path):
         """The board waits for room for its answers, and the c-node for room for more calls."""
         board = keyed(tmp_path / "flash")
-        calls = b"".join(framed(lines.RECV.encode(number=900 + k, packet=bytes(2000))) for k in range(2000))
+        calls = b"".join(encode_frame(lines.RECV.encode(number=900 + k, packet=bytes(2000))) for k in range(2000))
         with pytest.raises(BlockingIOError):
             while True:
                 os.write(board._line._fd, calls)

@@ -16,7 +16,7 @@ from phalanx.link.session.events import (
     KeepSecret,
     Requested,
     Send,
-    Stands,
+    StandingChanged,
     WasRefused,
 )
 from session_world import Phone, World
@@ -118,7 +118,7 @@ def test_who_waits_for_approval_asks_nothing_and_commands_nothing():
     assert eve.all(WasRefused)[0] == WasRefused(1, Reason.NOT_ALLOWED)
     assert len(eve.all(WasRefused)) == 3
     again = world.resume(eve.kept)
-    assert again.last(Stands).standing.waiting
+    assert again.last(StandingChanged).standing.waiting
     world.carry(world.operations.approve(1, world.now))
     world.do(again, [again.client.request("robots", b"", world.ms)[1]])
     assert isinstance(world.happened[-1], Requested)
@@ -131,7 +131,7 @@ def test_places_of_those_who_wait_are_not_kept_by_who_is_away():
     world.operations.close_door()
     leave(world, *(world.join() for _ in range(3)))
     honest = [world.join() for _ in range(3)]
-    assert all(each.last(Stands).standing.waiting for each in honest)
+    assert all(each.last(StandingChanged).standing.waiting for each in honest)
     assert world.join().last(Ended) == Ended(EndReason.FULL)
     assert world.resume(driver.kept).client.is_joined, "who does not wait is not forgotten for it"
 
@@ -188,10 +188,10 @@ def test_only_a_command_that_was_carried_out_takes_or_renews_a_lease():
     world.drive(ada)
     assert world.server.assignment.driver_of(R1, world.ms) is None
     carry(world.server.refuse(1, 0, Reason.BAD))
-    assert ada.last(Stands).standing.robot == ""
+    assert ada.last(StandingChanged).standing.robot == ""
     world.carry = carry
     assert isinstance(world.drive(bea), Commanded)
-    assert bea.last(Stands).standing.robot == R1
+    assert bea.last(StandingChanged).standing.robot == R1
     assert len(held) == 1
 
 

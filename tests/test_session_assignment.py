@@ -11,7 +11,7 @@ from phalanx.errors import UsageError
 from phalanx.link.session import Role
 from phalanx.link.session.assignment import Assignment
 from phalanx.link.session.errors import Busy, NotAllowed, TooMany, TriesUsedUp
-from phalanx.link.session.limits import ROBOTS_REMEMBERED, Caps, RoomTries
+from phalanx.link.session.limits import ROBOTS_REMEMBERED, RoomCodeAttempts, VisitorLimits
 from phalanx.link.session.visitors import Visitor
 from session_world import World
 
@@ -202,16 +202,16 @@ def test_a_visitor_that_is_back_within_ten_seconds_keeps_its_robot():
     again.closed = "gone"
     world.wait(11_000)
     assert world.server.assignment.robot_of(2) == "R1"
-    from phalanx.link.session.events import Stands
+    from phalanx.link.session.events import StandingChanged
 
-    assert bea.last(Stands).standing.robot == "R1"
+    assert bea.last(StandingChanged).standing.robot == "R1"
 
 
 # --- limits ---
 
 
 def test_routes_are_capped_for_each_robot_and_in_length():
-    caps = Caps(SessionConfig(), 0)
+    caps = VisitorLimits(SessionConfig(), 0)
     caps.route("R1", 64, 0)
     caps.route("R1", 64, 0)
     with pytest.raises(TooMany):
@@ -226,7 +226,7 @@ def test_routes_are_capped_for_each_robot_and_in_length():
 
 
 def test_the_memory_of_tries_is_bounded():
-    tries = RoomTries(SessionConfig())
+    tries = RoomCodeAttempts(SessionConfig())
     refused = 0
     for n in range(5000):
         try:

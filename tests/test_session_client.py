@@ -19,7 +19,7 @@ from phalanx.link.session import EndReason, Kind, Reason, Role, Secret
 from phalanx.link.session.invitation import BadInvitation
 from phalanx.net.session_client import Client, RequestRefused, SessionOver
 from phalanx.net.session_connection import websocket_url
-from phalanx.net.session_ways import WebsocketWay
+from phalanx.net.session_ways import WebsocketTransport
 from session_endpoint import Endpoint
 from waiting import eventually
 
@@ -317,8 +317,8 @@ async def test_whoever_is_cancelled_while_a_websocket_closes_leaves_nothing_open
     async def cancelled(_):
         raise asyncio.CancelledError
 
-    monkeypatch.setattr(WebsocketWay, "close", cancelled)
-    way = WebsocketWay("ws://127.0.0.1:1", 1, Counter())
+    monkeypatch.setattr(WebsocketTransport, "close", cancelled)
+    way = WebsocketTransport("ws://127.0.0.1:1", 1, Counter())
     with pytest.raises(asyncio.CancelledError):
         await way.__aexit__()
     assert way._http.closed

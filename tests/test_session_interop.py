@@ -18,12 +18,12 @@ from phalanx.link.session.events import (
     Close,
     Commanded,
     Ended,
-    Hear,
     Joined,
     KeepSecret,
     Publish,
     Requested,
     Send,
+    SetTopics,
     Transmit,
     Updated,
 )
@@ -246,7 +246,7 @@ class Page:
             case "transmit":
                 return Transmit(bytes.fromhex(said["data"]), said["topic"])
             case "hear":
-                return Hear(tuple(said["topics"]))
+                return SetTopics(tuple(said["topics"]))
             case "updated":
                 return Updated(bytes.fromhex(said["state"]))
             case "keep":

@@ -29,7 +29,7 @@ from phalanx.link.session.events import (
     Replied,
     Requested,
     Send,
-    Stands,
+    StandingChanged,
     Updated,
     WasRefused,
 )
@@ -51,7 +51,7 @@ def test_a_visitor_is_admitted_with_its_first_record_and_then_reads_and_drives()
     world = with_robots()
     ada = world.join(name="Ada")
     assert ada.last(Admitted) == Admitted(1, "Ada")
-    assert ada.last(Stands).standing.role is Role.DRIVE
+    assert ada.last(StandingChanged).standing.role is Role.DRIVE
     world.publish(b"here")
     assert ada.last(Updated) == Updated(b"here")
     assert world.drive(ada, payload=b'{"left_y":60}') == Commanded(1, "R1", "move_raw", b'{"left_y":60}', is_stop=False)
@@ -216,7 +216,7 @@ def test_no_open_code_admits_operators_and_an_operators_ticket_is_for_one():
         )
     with pytest.raises(UsageError):
         world.ticket(Role.OPERATE, uses=2)
-    assert world.join(world.ticket(Role.OPERATE)).last(Stands).standing.role is Role.OPERATE
+    assert world.join(world.ticket(Role.OPERATE)).last(StandingChanged).standing.role is Role.OPERATE
 
 
 def test_a_room_code_admits_one_visitor_and_then_changes():
@@ -357,7 +357,7 @@ def test_visitors_tickets_and_approval_survive_a_restart_and_the_open_code_does_
     assert again.last(Admitted) == Admitted(1, "Ada")
     assert world.server.visitors.find(1).robots == {"R1", "R2"}
     newcomer = world.join(ticket)
-    assert newcomer.last(Stands).standing.waiting
+    assert newcomer.last(StandingChanged).standing.waiting
     assert newcomer.last(Admitted).visitor == 2
     assert world.join(ticket).closed == "unknown_secret"
 
@@ -383,7 +383,7 @@ def test_whenever_the_gateway_is_killed_an_acknowledged_removal_holds_and_others
         assert world.resume(secrets["eve"]).closed == "unknown_secret"
         assert world.server.door.tickets() == []
         assert world.join(code).closed == "unknown_secret"
-        assert world.join().last(Stands).standing.waiting
+        assert world.join().last(StandingChanged).standing.waiting
     if "ada" in secrets:
         assert world.resume(secrets["ada"]).client.is_joined
 
@@ -412,7 +412,7 @@ def test_a_removed_visitor_stays_removed_and_newcomers_wait():
     assert eve.client.receive(update, world.ms) == []
     assert isinstance(world.drive(ada, "R1"), Commanded)
     waits = world.join(name="Eve again")
-    assert waits.last(Stands).standing.waiting
+    assert waits.last(StandingChanged).standing.waiting
     world.publish(b"unseen")
     assert waits.last(Updated) is None
     with pytest.raises(UsageError):
@@ -421,7 +421,7 @@ def test_a_removed_visitor_stays_removed_and_newcomers_wait():
     world.publish(b"seen")
     assert waits.last(Updated) == Updated(b"seen")
     world.operations.open_door()
-    assert not world.join().last(Stands).standing.waiting
+    assert not world.join().last(StandingChanged).standing.waiting
 
 
 def test_a_removed_visitors_ticket_admits_nobody_any_more():
@@ -452,13 +452,13 @@ def test_everybody_out_keeps_operators():
     assert operator.client.is_joined
     for each in others:
         assert world.resume(each.kept).closed == "unknown_secret"
-    assert world.join().last(Stands).standing.waiting
+    assert world.join().last(StandingChanged).standing.waiting
 
 
 def test_an_operators_ticket_is_admitted_while_newcomers_wait():
     world = World()
     world.operations.close_door()
-    assert not world.join(world.ticket(Role.OPERATE)).last(Stands).standing.waiting
+    assert not world.join(world.ticket(Role.OPERATE)).last(StandingChanged).standing.waiting
 
 
 def test_watch_only_keeps_the_view():
@@ -467,8 +467,8 @@ def test_watch_only_keeps_the_view():
     world.publish()
     world.drive(ada)
     world.carry(world.operations.set_role(1, Role.WATCH, world.now))
-    assert ada.last(Stands).standing.role is Role.WATCH
-    assert ada.last(Stands).standing.robot == ""
+    assert ada.last(StandingChanged).standing.role is Role.WATCH
+    assert ada.last(StandingChanged).standing.robot == ""
     for stop in (False, True):
         world.drive(ada, stop=stop)
         assert ada.last(WasRefused) == WasRefused(0, Reason.NOT_ALLOWED)
@@ -483,7 +483,7 @@ def test_at_most_256_wait_for_approval():
     world.operations.close_door()
     phones = [world.join() for _ in range(4)]
     assert phones[-1].last(Ended) == Ended(EndReason.FULL)
-    assert phones[2].last(Stands).standing.waiting
+    assert phones[2].last(StandingChanged).standing.waiting
 
 
 # --- leaving ---
@@ -494,12 +494,12 @@ def test_who_leaves_frees_its_robot_at_once_and_a_page_that_may_be_loaded_again_
     ada, bea, cy = (world.join() for _ in range(3))
     world.do(ada, [ada.client._send(Leave(keep=True), world.ms)])
     world.wait(9_000)
-    assert bea.last(Stands).standing.place == 1
+    assert bea.last(StandingChanged).standing.place == 1
     world.wait(1_000)
-    assert bea.last(Stands).standing.robot == "R1"
+    assert bea.last(StandingChanged).standing.robot == "R1"
     world.do(bea, bea.client.leave(world.ms))
     world.wait(100)
-    assert cy.last(Stands).standing.robot == "R1"
+    assert cy.last(StandingChanged).standing.robot == "R1"
 
 
 # --- commands ---
@@ -543,7 +543,7 @@ def test_what_a_visitor_may_do_is_not_undone_by_an_older_record():
         world.carry(world.operations.set_role(1, role, world.now))
     for event in reversed(held):
         carry([event])
-    assert ada.last(Stands).standing.role is Role.DRIVE
+    assert ada.last(StandingChanged).standing.role is Role.DRIVE
     assert ada.client.rejected == {"unexpected": 1}
 
 

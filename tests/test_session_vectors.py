@@ -12,7 +12,7 @@ import pytest
 from phalanx.config.session import SessionConfig
 from phalanx.errors import PhalanxError
 from phalanx.link.session import Invitation, Kind, Secret, SessionClient, parse_invitation
-from phalanx.link.session.events import Hear, Replied, Transmit
+from phalanx.link.session.events import Replied, SetTopics, Transmit
 from phalanx.link.session.messages import Epoch, decode_from_client, decode_from_server, encode
 from phalanx.link.session.noise import Cipher
 from phalanx.link.session.padding import pad, unpad
@@ -107,7 +107,7 @@ def test_a_client_sends_and_reads_these_bytes(case):
     assert hello_topic(STATIC.public_key()) == case["hello_topic"]
     if case["broker"]:
         assert (started[-1].topic, record.topic) == (case["hello_topic"], case["topic_to_server"])
-        assert Hear((case["topic_to_client"],)) in events
+        assert SetTopics((case["topic_to_client"],)) in events
     reply = Replied(case["reply_number"], bytes.fromhex(case["reply"]))
     assert client.receive(bytes.fromhex(case["reply_record"]), 2) == [reply]
     assert client.receive(bytes.fromhex(case["reply_record"]), 2) == []

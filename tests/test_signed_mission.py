@@ -17,8 +17,8 @@ from phalanx.daemon.sealed_air import with_room_for_seals
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.signed_mission import digest_of, sign_mission
 from phalanx.errors import UsageError
-from phalanx.net.keyring import create, opened
-from phalanx.net.mission_key import issued
+from phalanx.net.keyring import create, open_keyring
+from phalanx.net.mission_key import encode_mission_key_file
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import parse_scenario, written_scenario
 
@@ -49,7 +49,7 @@ def test_what_is_signed_is_all_that_robots_have_in_common():
 def verified(tmp_path, capsys, *trust, signed=None, scenario=MISSION, mission=7):
     """What `phalanx robot verify` says of an honest log with that in its head, and its code."""
     head = {"robot": 2, "mission": mission, "t_key_ms": 5, "scenario": written_scenario(scenario)}
-    head |= {"signed": signed.told} if signed else {}
+    head |= {"signed": signed.as_json} if signed else {}
     path = tmp_path / "robot-2.log"
     path.write_bytes(json.dumps(head).encode() + b"\n")
     words = [word for each in trust for word in ("--trust", each)]
@@ -94,7 +94,7 @@ def test_without_a_signature_and_without_trust_it_is_the_logs_own_word(tmp_path,
 def test_a_robot_begins_no_other_mission_than_was_signed(tmp_path, monkeypatch):
     monkeypatch.setattr(daemon_run, "connect_nodes", lambda _: pytest.fail("opened"))
     sealed = {2: seal_mission_key(bytes(20), bytes(20), bytes(20), 7)}
-    (tmp_path / "key.json").write_bytes(issued(7, sealed, {}, sign_mission(MISSION, 7, OWNER).told))
+    (tmp_path / "key.json").write_bytes(encode_mission_key_file(7, sealed, {}, sign_mission(MISSION, 7, OWNER).as_json))
     radio = {"here": "127.0.0.1:4410", "peers": ["127.0.0.1:4411"]}
     said = {"robot": 2, "mission": "mission.yaml", "key": "key.json", "driver": "python:x.py", "radio": radio}
     (tmp_path / "robot.yaml").write_text(json.dumps(said))
@@ -122,7 +122,7 @@ def test_keys_issue_signs_it_and_export_gives_what_checks_it(tmp_path, capsys):
     ring, words, out, checks = (tmp_path / name for name in ("lab.keys", "words", "mission.json", "missions.pem"))
     words.write_text(WORDS)
     create(ring, "lab", WORDS)
-    with opened(ring, WORDS) as keys:
+    with open_keyring(ring, WORDS) as keys:
         keys.provision(2, "2026-01-01")
     (tmp_path / "mission.yaml").write_text(TEXT)
     said = ["--passphrase-file", str(words)]

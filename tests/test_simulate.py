@@ -25,8 +25,8 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.tables import to_pandas, to_parquet
 from phalanx.scenarios.file import find_scenario
 from phalanx.world import AttackSpec, Result, Scenario, simulate
-from phalanx.world.scenarios.cautions import cautions, neighbours_at_start
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.cautions import audit_warnings, neighbours_at_start
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 
 simulate_module = sys.modules[simulate.__module__]
@@ -256,26 +256,26 @@ def test_the_example_runs_and_tells_what_became_of_the_liar():
 
 class TestCautions:
     def test_three_robots_have_no_quorum(self):
-        (words,) = cautions(Scenario(robots=3))
+        (words,) = audit_warnings(Scenario(robots=3))
         assert words.startswith(
             "none of the robots has a quorum at the start, 5 correct others (f_max + 2) within 116 m"
         )
         assert "with fewer than 4 a robot is stopped after 10 s" in words
-        assert cautions(Scenario(robots=3, defence="none")) == []
+        assert audit_warnings(Scenario(robots=3, defence="none")) == []
 
     def test_nor_have_robots_with_just_as_many_others_as_tokens_are_needed(self):
-        (words,) = cautions(Scenario(robots=3, bti=BtiConfig(f_max=1)))
+        (words,) = audit_warnings(Scenario(robots=3, bti=BtiConfig(f_max=1)))
         assert words.startswith(
             "none of the robots has a quorum at the start, 3 correct others (f_max + 2) within 116 m"
         )
         assert "compromised robots can cause them to be stopped" in words
-        assert cautions(Scenario(robots=4, bti=BtiConfig(f_max=1))) == []
+        assert audit_warnings(Scenario(robots=4, bti=BtiConfig(f_max=1))) == []
 
     def test_nor_has_a_wide_grid(self):
-        assert cautions(Scenario(robots=25, grid_step_m=117.0))[0].startswith("none of the robots has")
+        assert audit_warnings(Scenario(robots=25, grid_step_m=117.0))[0].startswith("none of the robots has")
         wide = Scenario(robots=25, grid_step_m=100.0, bti=BtiConfig(f_max=2))
-        assert cautions(wide)[0].startswith("16 of 25 robots do not have")
-        assert cautions(Scenario(robots=25)) == []
+        assert audit_warnings(wide)[0].startswith("16 of 25 robots do not have")
+        assert audit_warnings(Scenario(robots=25)) == []
 
     @pytest.mark.parametrize(
         "t_audit_ms, t_val_ms, told",
@@ -284,49 +284,53 @@ class TestCautions:
     def test_that_one_round_that_fails_is_one_too_many(self, t_audit_ms, t_val_ms, told):
         """P2 asks for a round in each T_val less a round; where rounds are short, a first one that is late counts."""
         bti = BtiConfig(t_audit_ms=t_audit_ms, t_val_ms=t_val_ms)
-        assert len(cautions(Scenario(robots=25, bti=bti))) == told
+        assert len(audit_warnings(Scenario(robots=25, bti=bti))) == told
 
     def test_that_liars_may_fill_the_channel_with_the_audits_of_others(self):
         hub = Scenario(robots=33, hub=26, grid_step_m=6, bti=BtiConfig(f_max=12, t_audit_ms=2000))
-        words, _ = cautions(hub)
+        words, _ = audit_warnings(hub)
         assert "if f_max compromised robots fill their logs, audits need 79% of the channel" in words
-        assert cautions(replace(hub, robots=19, hub=12, n_max=None, bti=BtiConfig(f_max=5, t_audit_ms=2000))) == []
+        assert (
+            audit_warnings(replace(hub, robots=19, hub=12, n_max=None, bti=BtiConfig(f_max=5, t_audit_ms=2000))) == []
+        )
         crowd = Scenario(robots=60, grid_step_m=4, bti=BtiConfig(f_max=3))
-        assert cautions(crowd) == []
+        assert audit_warnings(crowd) == []
 
     def test_that_compromised_robots_are_no_auditors(self):
         square = Scenario(robots=5, bti=BtiConfig(f_max=1), attacks=(AttackSpec(name="crash"),))
-        assert cautions(square) == []
-        (words,) = cautions(replace(square, robots=4))
+        assert audit_warnings(square) == []
+        (words,) = audit_warnings(replace(square, robots=4))
         assert words.startswith("none of the correct robots has a quorum at the start, 3 correct others")
         star = replace(find_scenario("star-25"), attacks=(AttackSpec(name="crash", robot=2),))
-        (words,) = cautions(star)
+        (words,) = audit_warnings(star)
         assert words.startswith("22 of 24 correct robots do not have")
-        assert cautions(replace(star, hub=5)) == []
+        assert audit_warnings(replace(star, hub=5)) == []
         tight = replace(star, hub=5, bti=BtiConfig(f_max=3))
-        assert len(cautions(tight)) == 1
-        assert cautions(replace(tight, attacks=(AttackSpec(name="crash", robot=25),))) == [], "in an aisle of its own"
+        assert len(audit_warnings(tight)) == 1
+        assert audit_warnings(replace(tight, attacks=(AttackSpec(name="crash", robot=25),))) == [], (
+            "in an aisle of its own"
+        )
 
     def test_that_more_are_compromised_than_f_max(self):
         liars = (AttackSpec(name="crash"),) * 3
-        assert cautions(Scenario(robots=25, bti=BtiConfig(f_max=3), attacks=liars)) == []
-        (words,) = cautions(Scenario(robots=25, bti=BtiConfig(f_max=2), attacks=liars))
+        assert audit_warnings(Scenario(robots=25, bti=BtiConfig(f_max=3), attacks=liars)) == []
+        (words,) = audit_warnings(Scenario(robots=25, bti=BtiConfig(f_max=2), attacks=liars))
         assert words == "3 compromised robots, f_max is 2: nothing is promised; use f_max 3 or fewer attacks"
 
     def test_that_more_are_in_range_than_n_max(self):
-        assert cautions(Scenario(robots=25, n_max=24)) == []
-        (words,) = cautions(Scenario(robots=25, n_max=23))
+        assert audit_warnings(Scenario(robots=25, n_max=24)) == []
+        (words,) = audit_warnings(Scenario(robots=25, n_max=23))
         assert "has 24 others in range at the start, n_max is 23" in words
 
     def test_that_the_buckets_of_liars_let_out_a_quarter_of_the_channel(self):
         wide = Scenario(robots=25, n_max=50, bti=BtiConfig(f_max=8))
-        (words,) = cautions(wide)
+        (words,) = audit_warnings(wide)
         assert words.startswith("with n_max 50 the a-nodes of f_max compromised robots allow audit packets for 38%")
-        assert cautions(replace(wide, defence="paper")) == cautions(replace(wide, n_max=24)) == []
+        assert audit_warnings(replace(wide, defence="paper")) == audit_warnings(replace(wide, n_max=24)) == []
 
     @pytest.mark.parametrize("name", built_in("scenarios"))
     def test_none_of_ours_is_warned_of_but_for_the_four_corners_of_a_wide_grid(self, name):
-        told = cautions(find_scenario(name))
+        told = audit_warnings(find_scenario(name))
         assert [words[:27] for words in told] == ["4 of 324 robots do not have"] * (name == "grid-324")
 
     @pytest.mark.parametrize("robots", [1, 2, 7, 25, 60, 324])
@@ -352,5 +356,5 @@ class TestCautions:
             simulate(replace(SMALL, duration_s=1.0))
 
     def test_and_it_is_right(self):
-        stopped = play(Scenario(robots=3, duration_s=12.0)).summary()
+        stopped = run_scenario(Scenario(robots=3, duration_s=12.0)).summary()
         assert stopped["without_quorum"] == [1, 2, 3]

@@ -15,7 +15,7 @@ from phalanx.crypto import keys as sealing
 from phalanx.daemon.proofs import unsealed
 from phalanx.errors import UsageError
 from phalanx.gateway.demo import plan_swarm
-from phalanx.net.keyring import Keys, create, opened
+from phalanx.net.keyring import Keys, create, open_keyring
 from phalanx.wire.fields import row
 from phalanx.wire.table import MAC_BYTES, TOKEN
 from phalanx.world.swarms.protected import ProtectedSwarm, SwarmKeys
@@ -33,7 +33,7 @@ def quick(monkeypatch):
 def owned(tmp_path):
     """A file of keys with robots 1 to 4 in it, and the words that open it."""
     create(tmp_path / "lab.keys", "lab", WORDS)
-    with opened(tmp_path / "lab.keys", WORDS) as keys:
+    with open_keyring(tmp_path / "lab.keys", WORDS) as keys:
         for robot in range(1, ROBOTS + 1):
             keys.provision(robot, "2026-11-27")
     (tmp_path / "words").write_text(WORDS + "\n")
@@ -41,7 +41,7 @@ def owned(tmp_path):
 
 
 def missions(path) -> int:
-    with opened(path, WORDS) as keys:
+    with open_keyring(path, WORDS) as keys:
         return keys.missions
 
 
@@ -54,7 +54,7 @@ def mac_of(key: bytes, message: bytes) -> bytes:
 class TestSwarm:
     def test_its_tokens_are_made_with_its_owners_mission_key_and_it_obeys_its_owners_orders(self, owned):
         path, _ = owned
-        with opened(path, WORDS) as keys:
+        with open_keyring(path, WORDS) as keys:
             keys.missions = 6
         given = command.keys_for_next_mission(path, path.with_name("words"), plan_swarm(ROBOTS, None, None))
         assert missions(path) == given.mission == 7
@@ -126,7 +126,7 @@ class TestMistakes:
 
     def test_a_robot_that_was_retired(self, owned):
         path, _ = owned
-        with opened(path, WORDS) as keys:
+        with open_keyring(path, WORDS) as keys:
             keys.retire(3, "2026-11-27")
         with pytest.raises(UsageError, match="robot 3 was retired on 2026-11-27"):
             command.keys_for_next_mission(path, path.with_name("words"), plan_swarm(ROBOTS, None, None))

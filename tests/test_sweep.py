@@ -17,7 +17,7 @@ from pyarrow import parquet
 from commands import PHALANX
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.sweep import dealing
-from phalanx.lab.sweep.dealing import deal_cases, run_job
+from phalanx.lab.sweep.dealing import cases_with_dask, run_job
 from phalanx.lab.sweep.plan import read_sweep
 from phalanx.lab.sweep.store import OUTCOME, Store, points
 from phalanx.papers.figure import FIGURES, Figure
@@ -368,7 +368,7 @@ class TestCluster:
     def test_short_runs_share_a_task_and_the_one_that_kills_it_takes_no_other_with_it(self, monkeypatch):
         monkeypatch.setitem(dealing.SETTINGS, "distributed.scheduler.allowed-failures", 0)
         jobs = {f"job {i}": (i, i == 3) for i in range(12)}
-        come = list(dealing.dealt(jobs, kills_or_doubles, None, 1))
+        come = list(dealing.run_jobs(jobs, kills_or_doubles, None, 1))
         assert len(come) == len(dict(come)) == 12, "each once"
         failed = {key: told for key, told in come if isinstance(told, dealing.Failed)}
         assert failed.keys() == {"job 3", "job 7"}
@@ -401,7 +401,7 @@ class TestCluster:
 
     def test_a_case_that_cannot_be_measured_leaves_the_others(self, tmp_path):
         figure = Figure(name="of-nothing", about="a test", made_by="bti.liars:FIG9")
-        each, told = deal_cases(None, 1), []
+        each, told = cases_with_dask(None, 1), []
         with pytest.raises(Unavailable, match="1 of 2 failed, as no such case: ValueError"):
             told.extend(each(figure, ["no such case", "honest seed 0"], print))
         assert [case for case, _ in told] == ["honest seed 0"]

@@ -20,12 +20,12 @@ from phalanx.gateway import Gateway
 from phalanx.gateway.session_link import SessionLink, now
 from phalanx.gateway.trail import Trail
 from phalanx.link.session import EndReason, MemoryStore, parse_invitation
-from phalanx.link.session.events import Close, Listen, Send
+from phalanx.link.session.events import Close, Send, SetConnectionTopics
 from phalanx.link.session.events import Publish as Update
 from phalanx.link.session.secret import hello_topic
 from phalanx.net.broker import RunningBroker
 from phalanx.net.broker_url import BrokerUrl
-from phalanx.net.session_broker import KNOCKS, MORE_BYTES, ROW_BYTES, SessionBroker
+from phalanx.net.session_broker import HELLO_CONNECTION, MORE_BYTES, ROW_BYTES, SessionBroker
 from phalanx.net.session_client import Client, SessionOver
 from phalanx.net.session_store import new_link_keys
 from phalanx.wire.sessions import SIGNED_HELLO, UPDATE
@@ -258,8 +258,8 @@ class TestTurns:
     async def test_who_floods_its_topic_has_one_turn_in_each_round_and_room_for_a_few(self):
         async with a_broker() as broker, Spy(broker) as spy, SessionBroker(broker.url, ROOT, "knocks", 1000) as way:
             await way.wait_connected(10)
-            way.carry(Listen(-1, ("one",)))
-            way.carry(Listen(-2, ("two",)))
+            way.carry(SetConnectionTopics(-1, ("one",)))
+            way.carry(SetConnectionTopics(-2, ("two",)))
             way.carry(Send(-1, b"ready", "ready"))
             await eventually(lambda: (f"{ROOT}/ready", b"ready") in spy.heard)
             flood = bytes(SIGNED_HELLO.size)
@@ -274,21 +274,21 @@ class TestTurns:
             await eventually(lambda: way.rejected["too_large"])
             assert way.rejected == {"overrun": 100, "too_large": 1, "malformed_record": 1}
             events = way.events()
-            assert {(await anext(events)).connection for _ in range(3)} == {KNOCKS, -1, -2}
+            assert {(await anext(events)).connection for _ in range(3)} == {HELLO_CONNECTION, -1, -2}
             rest = [(await anext(events)).connection for _ in range(2 * row - 2)]
             assert not way._rows
             assert not way._unread_bytes
-            assert rest[:4] in ([-1, KNOCKS] * 2, [KNOCKS, -1] * 2)
+            assert rest[:4] in ([-1, HELLO_CONNECTION] * 2, [HELLO_CONNECTION, -1] * 2)
 
     async def test_topics_of_a_connection_that_is_over_are_left(self):
         async with a_broker() as broker, Spy(broker) as spy, SessionBroker(broker.url, ROOT, "knocks", 1000) as way:
             await way.wait_connected(10)
-            way.carry(Listen(-1, ("one", "two")))
-            way.carry(Listen(-1, ("two", "three")))
+            way.carry(SetConnectionTopics(-1, ("one", "two")))
+            way.carry(SetConnectionTopics(-1, ("two", "three")))
             assert set(way._of) == {f"{ROOT}/{each}" for each in ("knocks", "two", "three")}
             await spy.say(f"{ROOT}/two", b"x")
             way.carry(Close(-1, "leave"))
-            way.carry(Close(KNOCKS, "failed"))
+            way.carry(Close(HELLO_CONNECTION, "failed"))
             assert set(way._of) == {f"{ROOT}/knocks"}
             way.carry(Send(-1, b"ready", "ready"))
             await eventually(lambda: (f"{ROOT}/ready", b"ready") in spy.heard)

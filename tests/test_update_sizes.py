@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mirror import Mirror, are_near
-from phalanx.gateway.frames import CHANGES_BYTES, UNIT_ROBOTS, Frames, tick_bytes
+from phalanx.gateway.frames import CHANGES_BYTES, UNIT_ROBOTS, StateUpdates, tick_bytes
 from phalanx.gateway.outbox import Outbox
 from phalanx.gateway.visitors import MOST_DRIVERS
-from phalanx.gateway.vocabulary import tell_robot
+from phalanx.gateway.vocabulary import robot_json
 from phalanx.link.envelope import encode_json
 from phalanx.link.session.padding import padded_size
 from phalanx.robot import Led, Point, Robot
@@ -90,8 +90,8 @@ def test_every_update_of_many_fleets_is_short_and_all_of_it_is_told_in_the_end(
 def updates_are_short_and_complete(
     robots: int, seed: int, spread_mm: float, change: float, come: float, driven: float
 ) -> None:
-    fleet, frames, uptime_s = Fleet(robots, seed, spread_mm), Frames(), 0.0
-    told = [tell_robot(each, NOW, 0) | {"n": frames.number(each.address)} for each in fleet.robots.values()]
+    fleet, frames, uptime_s = Fleet(robots, seed, spread_mm), StateUpdates(), 0.0
+    told = [robot_json(each, NOW, 0) | {"n": frames.number(each.address)} for each in fleet.robots.values()]
     frames.next(list(fleet.robots.values()), NOW, uptime_s)
     mirror, drivers = Mirror(told), {}
 
@@ -118,7 +118,7 @@ def updates_are_short_and_complete(
         tick({})
     assert mirror.robots.keys() == fleet.robots.keys()
     for address, robot in fleet.robots.items():
-        known, now = mirror.robots[address], tell_robot(robot, NOW, 0)
+        known, now = mirror.robots[address], robot_json(robot, NOW, 0)
         assert known["rgb_led"] == now["rgb_led"]
         assert known["waypoints_threshold"] == now["waypoints_threshold"]
         assert len(known["waypoints"]) <= len(now["waypoints"])
@@ -131,7 +131,7 @@ def updates_are_short_and_complete(
 
 @pytest.mark.parametrize(("robots", "padded", "most_ticks"), [(100, 2048, 45), (1000, 16 * 1024, 60)])
 def test_a_storm_of_routes_fits_two_kib_for_a_hundred_robots_and_sixteen_for_a_thousand(robots, padded, most_ticks):
-    fleet, frames = Fleet(robots, 1, 1e3), Frames()
+    fleet, frames = Fleet(robots, 1, 1e3), StateUpdates()
     frames.next(list(fleet.robots.values()), NOW, 0.0)
     waiting, longest = dict.fromkeys(fleet.robots, 0), 0
     routes = [tuple(fleet.point() for _ in range(65)) for _ in range(20)]
@@ -150,7 +150,7 @@ def test_a_storm_of_routes_fits_two_kib_for_a_hundred_robots_and_sixteen_for_a_t
 
 
 def test_where_robots_are_so_far_apart_that_places_have_no_room_all_take_turns():
-    fleet, frames = Fleet(100, 1, 1e3), Frames()
+    fleet, frames = Fleet(100, 1, 1e3), StateUpdates()
     known = list(fleet.robots.values())
     for k, robot in enumerate(known):  # each has a piece of its own
         frames._numbers[robot.address] = 5000 * k

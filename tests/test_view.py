@@ -17,13 +17,13 @@ from mcap.writer import CompressionType, Writer
 from phalanx.cli import view as view_command
 from phalanx.errors import Unavailable, UsageError
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.recording import recorded
 from phalanx.recording.recorded import Said
 from phalanx.recording.recorder import NS, TOPICS, frame
 from phalanx.world.audited.world import VerdictReader
 from phalanx.world.scenarios import scenes
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.scenes import Live, Scenes, lines_of
 from recorded_scenario import SCENARIO
 
@@ -41,7 +41,7 @@ def seen(tmp_path_factory):
         live.write(run, verdicts)
         steps.append((run.now_s, run.positions_m, run.in_safe_mode, run.shields(), verdicts))
 
-    play(SCENARIO, path, on_step)
+    run_scenario(SCENARIO, path, on_step)
     live.end()
     return path, lines, steps
 
@@ -189,7 +189,7 @@ def test_what_is_longer_than_a_page_keeps_says_so(seen, tmp_path, monkeypatch, c
     path = written(tmp_path / "x.mcap", frame(0, "robot-1", 1, 2, 0), frame(0, "robot-2-believes", 1, 2, 0), t_ns=NS)
     assert lines_of(path) == [{"t": 1.0, "at": [[1, 1000, 2000, 0]], "lies": []}]
     assert not caplog.text
-    monkeypatch.setattr(scenes, "MOST_TOLD", 100)
+    monkeypatch.setattr(scenes, "MOST_VALUES", 100)
     assert 1 < len(lines_of(seen[0])) < 10
     assert "the end is not shown" in caplog.text
 
@@ -219,7 +219,7 @@ def test_misuse_is_one_line(phalanx, seen, tmp_path, monkeypatch):
 
 @pytest.mark.waits
 async def test_no_other_host_s_name_and_no_nonsense_is_answered_and_a_port_that_is_taken_is_named():
-    async with beside(ViewPages(0)) as pages, aiohttp.ClientSession(f"http://127.0.0.1:{pages.port}") as http:
+    async with serve_in_thread(ViewPages(0)) as pages, aiohttp.ClientSession(f"http://127.0.0.1:{pages.port}") as http:
         for path, headers, status in (
             ("/api/run", {"Host": "evil.test"}, 403),
             ("/api/run?from=-1", {}, 400),

@@ -3,7 +3,7 @@
 import _signal as signal  # type: ignore[import-not-found]  # `signal` imports more modules, and Ctrl-C may come meanwhile
 
 # The imports take about a second. Until they are done, Ctrl-C ends the process silently, since a module could
-# swallow KeyboardInterrupt. Afterwards `runs` in `cli/options.py` handles it.
+# swallow KeyboardInterrupt. Afterwards `implemented_by` in `cli/options.py` handles it.
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 # `release/phalanx` blocks SIGINT while Python and an installer's script start.

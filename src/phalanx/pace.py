@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Pace:
+class TokenBucket:
     """Token bucket: `per_s` tokens a second, at most `at_once` stored. Callers wait for more, or refuse the request."""
 
     __slots__ = ("_at_once", "_at_s", "_left", "_per_s")
@@ -34,21 +34,21 @@ class Pace:
         return self._left + (now_s - self._at_s) * self._per_s >= self._at_once
 
 
-class Paces:
+class TokenBuckets:
     """Token buckets by address; `forget` drops those that are full."""
 
     def __init__(self, per_s: float, at_once: float) -> None:
         self._per_s, self._at_once = per_s, at_once
-        self._of: dict[str, Pace] = {}
+        self._of: dict[str, TokenBucket] = {}
 
     def __len__(self) -> int:
         return len(self._of)
 
-    def of(self, address: str, now_s: float) -> Pace:
+    def of(self, address: str, now_s: float) -> TokenBucket:
         """Return the token bucket of an address, which is made at the first call."""
         pace = self._of.get(address)
         if pace is None:
-            pace = self._of[address] = Pace(self._per_s, self._at_once, now_s)
+            pace = self._of[address] = TokenBucket(self._per_s, self._at_once, now_s)
         return pace
 
     def forget(self, now_s: float) -> None:

@@ -66,7 +66,7 @@ def make_pool(borrowers: int, size: int) -> Pool:
 
 
 @kernel
-def lend(pool: Pool) -> int:
+def borrow(pool: Pool) -> int:
     """Return the number of a free row, which still has the bytes of its last borrower."""
     pool.left[0] -= 1
     return int(pool.free[pool.left[0]])

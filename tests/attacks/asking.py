@@ -46,7 +46,7 @@ class Asking:
 
     def round_begins(self, now_ms: int) -> None:
         for rob_id in range(2, 9):
-            rounds.heard(self.fleet, VICTIM, rob_id, now_ms)
+            rounds.mark_in_range(self.fleet, VICTIM, rob_id, now_ms)
         rounds.begin_round(self.fleet, VICTIM, now_ms)
 
     def hears(self, now_ms: int) -> None:

@@ -89,7 +89,7 @@ class Misquotes(Liar):
         if self.sensed_ms >= self.plan.start_ms:
             other = ADVICE.encode(bytes=advice[:1] + bytes(4) + advice[5:])
             log.write(self.f, self.i, begin, row(other), len(other))
-            self.deviates(self.sensed_ms)
+            self.record_deviation(self.sensed_ms)
 
 
 class OwnWill(Liar):

@@ -106,7 +106,7 @@ def test_a_robot_that_lacks_tokens_listens_then_seeks_and_asks_those_that_answer
     assert seeking.LISTENS_MS <= listens.at_ms - robot.now_ms < seeking.LISTENS_MS + ROUND_MS // 16
     assert log.logged(robot.fleet, VICTIM)[-1] == log.FLUSH_S
     robot.now_ms = listens.at_ms
-    rounds.heard(robot.fleet, VICTIM, 3, robot.now_ms)
+    rounds.mark_in_range(robot.fleet, VICTIM, 3, robot.now_ms)
     asked = robot.round_due(listened=True)
     (seek,) = map(AUDIT_SEEK.decode, sent(asked))
     assert (seek["src"], seek["dst"], seek["since"], seek["share"]) == (VICTIM + 1, 0, robot.now_ms, 255)
@@ -179,11 +179,11 @@ def test_it_repeats_seek_at_random_times_until_it_has_its_tokens():
         robot.senses(BOOT_MS + k)
         robot.now_ms = at_ms = robot.round_due(listened=False)[1].at_ms
         robot.round_due(listened=True)
-        said_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if seeks_now(robot, now_ms)]
-        gaps_ms = np.diff([at_ms, *said_ms])
+        order_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if seeks_now(robot, now_ms)]
+        gaps_ms = np.diff([at_ms, *order_ms])
         assert (gaps_ms >= ROUND_MS // 32).all(), "nobody answers"
         assert (gaps_ms <= ROUND_MS // 16 + 10).all()
-        moments |= {at_ms, *said_ms}
+        moments |= {at_ms, *order_ms}
         robot.robot.got = robot.config.f_max + 1
         assert not sent(robot.event(handlers.on_retry, at_ms + 10 * ROUND_MS, 0))
     assert len(moments) > 30, "another s-chain, other moments"
@@ -231,7 +231,7 @@ def test_a_robot_answers_each_seek_once_at_a_random_time():
 @pytest.mark.parametrize("since_ms, repeats", [(1000, True), (1001, False)])
 def test_a_token_of_this_round_that_may_be_lost_is_the_answer(since_ms, repeats):
     robot, mac = Seeking(), row(bytes(range(8)))
-    rounds.heard(robot.fleet, VICTIM, ASKER, robot.now_ms)
+    rounds.mark_in_range(robot.fleet, VICTIM, ASKER, robot.now_ms)
     request.new_token(robot.fleet, VICTIM, ASKER, 3, 1000, mac, robot.work.packet)
     at_ms = retry_ms(robot.receives(seek_of(ASKER, since=since_ms), robot.now_ms))
     token = AUDIT_TOKEN.encode(src=VICTIM + 1, dst=ASKER, request=3, t=1000, mac=bytes(range(8)))
@@ -242,7 +242,7 @@ def test_a_token_of_this_round_that_may_be_lost_is_the_answer(since_ms, repeats)
 def test_of_many_in_range_a_share_answers_that_doubles_with_each_seek():
     robot, shares = Seeking(), []
     for rob_id in range(2, 26):
-        rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms)
+        rounds.mark_in_range(robot.fleet, VICTIM, rob_id, robot.now_ms)
     robot.round_due(listened=False)
     shares += [AUDIT_SEEK.decode(each)["share"] for each in sent(robot.round_due(listened=True))]
     for k in range(1, 6):
@@ -269,7 +269,7 @@ def test_a_robot_that_seeks_asks_first_whom_it_never_asked_in_vain(seeks, first)
     robot = Seeking()
     robot.robot.seeks = seeks
     for rob_id in (3, 4):
-        rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms)
+        rounds.mark_in_range(robot.fleet, VICTIM, rob_id, robot.now_ms)
         robot.fleet.peer[VICTIM, rounds.peer_at(robot.fleet, VICTIM, rob_id)].here = robot.now_ms
     gave_one = robot.fleet.peer[VICTIM, rounds.peer_at(robot.fleet, VICTIM, 3)]
     gave_one.token, gave_one.misses = robot.now_ms, 1

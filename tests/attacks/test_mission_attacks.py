@@ -12,7 +12,7 @@ from phalanx.attacks import ATTACKS
 from phalanx.attacks.missions.between import Between, NudgeCode, Slip, SpoofScan
 from phalanx.cli.main import run_command
 from phalanx.config.defence import DEFENCES
-from phalanx.lab.scorecard.errand import errand
+from phalanx.lab.scorecard.errand import shelf_errand
 from phalanx.lab.scorecard.mission_trial import (
     ROBOT,
     Operator,
@@ -46,7 +46,7 @@ def trial(name: str, defence: str):
 def attacked(attack: type[Between], defence: str, *, checked: bool = True, **options: float) -> ErrandOutcome:
     """What becomes of the robot; for attacks that are not in the library."""
     plan = plan_of(defence, 0, options.pop("at", attack.starts_s), options)
-    return walk(attack(plan), Operator(defence, 0).send(errand(), ROBOT, 1), defence, 0, checked=checked)
+    return walk(attack(plan), Operator(defence, 0).send(shelf_errand(), ROBOT, 1), defence, 0, checked=checked)
 
 
 def was_stopped(robot: ErrandOutcome) -> None:

@@ -8,7 +8,7 @@ import pytest
 from phalanx.attacks import ATTACKS
 from phalanx.attacks.missions.between import Between
 from phalanx.errors import PeerError
-from phalanx.lab.scorecard.errand import errand
+from phalanx.lab.scorecard.errand import shelf_errand
 from phalanx.lab.scorecard.mission_trial import ROBOT, ROBOT_CONFIG, Operator, plan_of, try_mission_attack, walk
 from phalanx.mission import State, Walker, parse_mission, parse_start_key
 
@@ -37,7 +37,7 @@ def decoded(walker, lived):
 
 @pytest.mark.parametrize("defence", ["paper", "hardened"])
 def test_whatever_bit_is_changed_nothing_else_is_decoded_and_nothing_else_done(defence, monkeypatch):
-    sent = Operator(defence, 0).send(errand(), ROBOT, 1)
+    sent = Operator(defence, 0).send(shelf_errand(), ROBOT, 1)
     monkeypatch.setattr("phalanx.lab.scorecard.mission_trial.Walker", Remembers)
     monkeypatch.setattr(Remembers, "lived", [])
     assert walk(Between(plan_of(defence, 0, 0.0, {})), sent, defence, 0).done
@@ -71,7 +71,7 @@ def test_it_is_the_signature_the_window_the_names_and_the_memory_that_stop_it(na
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9])
 def test_a_changed_bit_is_stopped_without_a_look_at_the_signature_too(share):
     """The robot drives as far as the file is true."""
-    sent = Operator("hardened", 0).send(errand(), ROBOT, 1)
+    sent = Operator("hardened", 0).send(shelf_errand(), ROBOT, 1)
     bit = int(share * 8 * len(parse_mission(sent.file).signed_part()))
     trial = try_mission_attack(ATTACKS["flip-bit"], "hardened", options={"unchecked": 1, "bit": bit})
     assert trial.kept
@@ -84,5 +84,5 @@ def test_a_clock_that_was_set_back_brings_no_mission_back_that_the_robot_has_sta
         again = True
 
     attack = Started(plan_of("hardened", 0, 0.0, {}))
-    robot = walk(attack, Operator("hardened", 0).send(errand(), ROBOT, 1), "hardened", 0)
+    robot = walk(attack, Operator("hardened", 0).send(shelf_errand(), ROBOT, 1), "hardened", 0)
     assert robot.refused == "already_started"

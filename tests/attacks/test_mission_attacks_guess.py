@@ -9,7 +9,7 @@ import pytest
 from phalanx.config.defence import DEFENCES
 from phalanx.config.mission import CodingConfig
 from phalanx.lab.cracking.attacks import ATTACKS
-from phalanx.lab.scorecard.errand import TOKEN, errand
+from phalanx.lab.scorecard.errand import TOKEN, shelf_errand
 from phalanx.lab.scorecard.mission_trial import ROBOT, Operator, plan_of, try_guess, try_mission_attack
 from phalanx.mission import parse_start_key
 
@@ -77,7 +77,7 @@ def test_sealed_falls_too_to_who_has_its_start_key_and_the_time():
 def test_without_the_right_gate_nothing_is_read_wherever_one_looks_and_with_it_all_places_are():
     whole_box = 51 * 51
     assert guess("guess-gate", "hardened", coding=CHEAP, tries=2 * whole_box).read == 0
-    (gate,) = parse_start_key(Operator("hardened", 0).send(errand(CHEAP), ROBOT, 1).key).gates.values()
+    (gate,) = parse_start_key(Operator("hardened", 0).send(shelf_errand(CHEAP), ROBOT, 1).key).gates.values()
     assert guess("guess-gate", "hardened", Loaded(gate.share), coding=CHEAP, tries=whole_box).read == PLACES
 
 

@@ -38,11 +38,11 @@ def answers_ms(secret: bytes, src: int = ASKER) -> list[int]:
 def seeks_ms(secret: bytes) -> list[int]:
     """Return the moments of a round at which the robot sends SEEK."""
     robot = with_secret(Seeking(), secret)
-    robot.robot.seeks, now_ms, said_ms = 1, FIRST_MS, []
+    robot.robot.seeks, now_ms, order_ms = 1, FIRST_MS, []
     for _ in LATER_MS:
         seeking.write_seek(robot.fleet, VICTIM, now_ms, robot.work.packet)
-        said_ms.append(now_ms := int(robot.robot.seek_at))
-    return said_ms
+        order_ms.append(now_ms := int(robot.robot.seek_at))
+    return order_ms
 
 
 def pauses_ms(secret: bytes) -> list[int]:

@@ -38,7 +38,7 @@ from phalanx.bti import trusted
 from phalanx.bti.fleet import PAPER, PLAIN
 from phalanx.cli.mission.files import read_plain
 from phalanx.config import BtiConfig
-from phalanx.lab.scorecard.errand import errand
+from phalanx.lab.scorecard.errand import shelf_errand
 from phalanx.lab.scorecard.mission_trial import ROBOT, Operator, plan_of, try_mission_attack, walk
 from phalanx.lab.scorecard.team_trial import try_in_team
 from phalanx.mission import BuildOptions, Profile, build
@@ -51,9 +51,9 @@ from phalanx.scenarios.scenario import Scenario
 from phalanx.world.audited import loop
 from phalanx.world.audited.events import next_us
 from phalanx.world.building.floorplan import load_floorplan
-from phalanx.world.missions.live import CompromiseRequest, Crew
+from phalanx.world.missions.live import CompromiseRequest, TickedMission
 from phalanx.world.missions.orders import orders_of
-from phalanx.world.missions.report import Logbook
+from phalanx.world.missions.report import ReportRecorder
 from phalanx.world.missions.setup import MissionRun
 from phalanx.world.missions.world import MissionWorld, walkers_of
 from phalanx.world.radio.channel import TX_END
@@ -253,7 +253,7 @@ def _split(array: np.ndarray[Any, Any]) -> list[bytes]:
 @contextlib.contextmanager
 def observed(sink: Sink) -> Iterator[None]:
     """Report to `sink` the events of every world that runs inside this context."""
-    run, advance, note = loop.run, MissionWorld.advance, Logbook.note
+    run, advance, note = loop.run, MissionWorld.advance, ReportRecorder.note
     # The observers keep their worlds, so that no later world has the same identity.
     observers: dict[int, tuple[WorldObserver, Any]] = {}
     running = 0
@@ -284,11 +284,11 @@ def observed(sink: Sink) -> Iterator[None]:
 
     loop.run, MissionWorld.advance = observed_run, observed_advance
     if sink.fine:
-        Logbook.note = observed_note
+        ReportRecorder.note = observed_note
     try:
         yield
     finally:
-        loop.run, MissionWorld.advance, Logbook.note = run, advance, note
+        loop.run, MissionWorld.advance, ReportRecorder.note = run, advance, note
 
 
 def _mission_row(robot: Any) -> bytes:
@@ -396,7 +396,7 @@ def _errand(sink: Sink, *, attack: str | None, defence: str, unchecked: bool = F
     kind, defence = attacks()[attack].kind if attack else Between, DEFENCE[defence]
     options = {"unchecked": 1.0} if unchecked else {}
     made = kind(plan_of(defence, 0, kind.starts_s, options))
-    walked = walk(made, Operator(defence, 0).send(errand(), ROBOT, 1), defence, 0, checked=not unchecked)
+    walked = walk(made, Operator(defence, 0).send(shelf_errand(), ROBOT, 1), defence, 0, checked=not unchecked)
     _outcome(sink, walked)
 
 
@@ -435,7 +435,7 @@ def _mission(
 
 def _crew(sink: Sink, *, mission: str, defence: str, robots: int, attack: str, at_s: int, duration_s: int) -> None:
     """Run the demo's mission, in which the operator compromises robot 1."""
-    crew = Crew(_mission_run(mission, "sealed", defence, robots=robots, seed=0, duration_s=float(duration_s)))
+    crew = TickedMission(_mission_run(mission, "sealed", defence, robots=robots, seed=0, duration_s=float(duration_s)))
     news: list[object] = []
     for tick in range(10 * duration_s):
         if tick == 10 * at_s:

@@ -13,18 +13,18 @@ from phalanx.errors import UsageError
 from phalanx.net.front.newcomers import Newcomers
 from phalanx.net.front.turns import Turns
 from phalanx.net.front.window import Window
-from phalanx.pace import Pace, Paces
+from phalanx.pace import TokenBucket, TokenBuckets
 
 NEVER = 1e-9  # per second
 
 
 def plenty():
-    return Pace(1e9, 1e9, time.monotonic())
+    return TokenBucket(1e9, 1e9, time.monotonic())
 
 
 class TestPaces:
     def test_so_many_at_once_and_then_so_many_a_second(self):
-        pace = Pace(10.0, 3.0, 100.0)
+        pace = TokenBucket(10.0, 3.0, 100.0)
         used = 0
         for tick in range(1000):
             now_s = 100.0 + tick / 1000
@@ -35,17 +35,17 @@ class TestPaces:
         assert 0 < pace.wait_s(100.999) <= 0.1
 
     def test_whoever_does_not_wait_takes_as_many_and_a_clock_that_is_set_back_gives_none(self):
-        pace = Pace(20, 20, 0)
+        pace = TokenBucket(20, 20, 0)
         assert [sum(pace.take(now_s) for _ in range(30)) for now_s in (0, 0.5, 0, 0.5, 100)] == [20, 10, 0, 0, 20]
 
     def test_a_debt_is_waited_for(self):
-        pace = Pace(10.0, 3.0, 100.0)
+        pace = TokenBucket(10.0, 3.0, 100.0)
         pace.use(13)
         assert pace.wait_s(100.0) == pytest.approx(1.1)
         assert pace.wait_s(101.1) == pytest.approx(0)
 
     def test_addresses_that_used_nothing_lately_are_forgotten(self):
-        paces = Paces(1.0, 2.0)
+        paces = TokenBuckets(1.0, 2.0)
         paces.of("a", 100.0).use()
         paces.of("b", 100.0)
         paces.forget(100.5)
@@ -81,7 +81,7 @@ class TestTurns:
         assert refused == ["m0", "m1"]
 
     async def test_an_address_that_used_its_pace_up_holds_up_nobody_else(self):
-        turns, served, _ = self.turns(paces=Paces(NEVER, 2.0))
+        turns, served, _ = self.turns(paces=TokenBuckets(NEVER, 2.0))
         for n in range(10):
             turns.add("many", f"m{n}")
         assert served == ["m0", "m1"]
@@ -89,7 +89,7 @@ class TestTurns:
         assert served[2:] == ["f0"]
 
     async def test_an_address_is_charged_for_what_came_to_nothing_and_given_back_what_did_not(self):
-        turns, served, _ = self.turns(paces=Paces(NEVER, 10.0))
+        turns, served, _ = self.turns(paces=TokenBuckets(NEVER, 10.0))
         turns.charge("silent", 10)
         turns.charge("refused", 100)
         turns.charge("refused", -99)
@@ -98,7 +98,7 @@ class TestTurns:
         assert served == ["refused", "new"]
 
     async def test_a_pace_that_is_used_up_is_waited_for(self):
-        turns, served, _ = self.turns(pace=Pace(200.0, 1.0, time.monotonic()))
+        turns, served, _ = self.turns(pace=TokenBucket(200.0, 1.0, time.monotonic()))
         for n in range(5):
             turns.add("a", n)
         assert len(served) < 5

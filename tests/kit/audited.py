@@ -134,7 +134,7 @@ class Recording:
             evidence = live.keep(step, t_ms, reading, raw)
             outputs = live.on_evidence(step, t_ms, reading, evidence)
             for output in outputs:
-                body.obey(output.payload)
+                body.execute_command(output.payload)
             self.steps.append(Step(step, t_ms, reading, raw, evidence, outputs, live.encode()))
             if live.memory.walk.phase.name == "DONE":
                 break

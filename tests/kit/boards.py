@@ -60,7 +60,7 @@ class SerialNodes:
         self._nodes = nodes
         for node in nodes:
             node.make(limits)
-        self.snode = elsewhere.place(nodes)
+        self.snode = elsewhere.register_remote(nodes)
         self.anode = self.snode
 
     def load_master(self, i: int, key: bytes, robot_id: int) -> None:
@@ -73,7 +73,7 @@ class SerialNodes:
 
     def close(self) -> None:
         """All lines are closed, and kernels know these nodes no longer."""
-        elsewhere.forget(self.snode)
+        elsewhere.unregister_remote(self.snode)
         for node in self._nodes:
             node.close()
 

@@ -9,11 +9,11 @@ from phalanx.link.session import Invitation, Secret, SessionClient
 from phalanx.link.session.events import (
     Close,
     Commanded,
-    Hear,
     KeepSecret,
-    Listen,
     Publish,
     Send,
+    SetConnectionTopics,
+    SetTopics,
     Transmit,
 )
 from phalanx.link.session.secret import hello_topic
@@ -69,7 +69,7 @@ class Broker:
                     self.publish(topic, data)
                 case Publish(_, data, topic):
                     self.publish(topic, data)
-                case Listen(connection, topics):
+                case SetConnectionTopics(connection, topics):
                     self.listens[connection] = topics
                 case Close(connection):
                     self.listens.pop(connection, None)
@@ -80,7 +80,7 @@ class Broker:
             match event:
                 case Transmit(data, topic):
                     self.publish(topic, data)
-                case Hear(topics):
+                case SetTopics(topics):
                     visitor.topics = topics
                 case KeepSecret(secret):
                     visitor.kept = secret

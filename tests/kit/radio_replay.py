@@ -83,7 +83,7 @@ def replay(robots, spacing_m, *, seconds, jitter_s=1.5, audits=False, fragments=
     pos = grid(robots, spacing_m) if pos is None else pos
     air, queue = make_air(robots, config, seed), make_queue(6 * robots)
     reach = make_reach(robots, config.range_m)
-    assert rebuild(reach, pos) <= len(reach.maybe)
+    assert rebuild(reach, pos) <= len(reach.candidate_ids)
     targets = np.full((robots, TARGETS), NOT_THERE, np.int32)  # a corner has three neighbours
     for i in range(robots):
         near = reach.ids[reach.near[i] : in_range(reach, i)]

@@ -18,7 +18,7 @@ from phalanx.link.session.events import (
     Ended,
     KeepSecret,
     Replied,
-    Stands,
+    StandingChanged,
     Transmit,
     Updated,
     WasRefused,
@@ -108,7 +108,7 @@ class Visit:
                 case KeepSecret(secret):
                     self.secret = secret
                     await self.do([self.client.stored(secret, ms())])
-                case Stands(standing):
+                case StandingChanged(standing):
                     self.standing = standing
                 case Updated(state):
                     self.frames.append(json.loads(state)["data"])

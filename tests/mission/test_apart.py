@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Reason, parse_mission, parse_start_key
-from phalanx.mission.authoring.findable import ALIKE_RAD, alone, apart_in, mark_lookalikes
+from phalanx.mission.authoring.findable import ALIKE_RAD, alone, mark_lookalikes, mark_lookalikes_in
 from phalanx.mission.landmarks import look_alikes_of
-from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
+from phalanx.mission.observable import APART_MAX, DEFAULT_APART_M, Offset, offset_of
 from phalanx.mission.walk.fix import unambiguous
 from phalanx.world.building.floorplan import load_floorplan
 from worlds import BOTH, at_start, built, cheap, leading_to, until_decoded
@@ -54,7 +54,9 @@ def test_it_is_as_far_as_the_next_thing_that_looks_the_same(other, apart):
     assert aparts(mark_lookalikes(mission_of(DOOR, other), [])) == pytest.approx([apart, apart])
     assert aparts(mark_lookalikes(mission_of(DOOR), [other])) == pytest.approx([apart]), "be it a node or not"
     untold = aparts(mark_lookalikes(mission_of(DOOR, other)))
-    assert untold[0] == pytest.approx(min(apart, UNTOLD_M)), "who does not know the building expects more of them"
+    assert untold[0] == pytest.approx(min(apart, DEFAULT_APART_M)), (
+        "who does not know the building expects more of them"
+    )
 
 
 def test_a_concave_corner_is_taken_for_none_of_the_other_hand():
@@ -92,8 +94,8 @@ def test_what_the_author_knows_is_kept_where_it_is_nearer():
 def test_a_building_has_more_look_alikes_than_a_mission_has_nodes():
     plan = load_floorplan("office_40x40")
     one = next(thing for thing in look_alikes_of(plan) if thing.type == "doorway")
-    (alone,), (among,) = aparts(mark_lookalikes(mission_of(one))), aparts(apart_in(plan, mission_of(one)))
-    assert alone == UNTOLD_M
+    (alone,), (among,) = aparts(mark_lookalikes(mission_of(one))), aparts(mark_lookalikes_in(plan, mission_of(one)))
+    assert alone == DEFAULT_APART_M
     assert 1.0 < among < 10.0
     # Jambs are no landmarks, and are seen as corners where the doorway's other jamb is not.
     kinds = {thing.type for thing in look_alikes_of(plan)}

@@ -15,13 +15,22 @@ from phalanx.mission import Landmark
 from phalanx.mission.angles import wrap
 from phalanx.mission.pose import belief as belief_module
 from phalanx.mission.pose import spread as spread_module
-from phalanx.mission.pose.belief import COUNT, NUMBERS, UPPER, Belief, of_numbers
-from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, inverse, misfit, not_surer, pose_spread
-from phalanx.mission.walk.fix import floor_of, initial_belief, sight_of, sighting, wheels_of
+from phalanx.mission.pose.belief import COUNT, NUMBERS, UPPER, Belief, belief_from_numbers
+from phalanx.mission.pose.spread import (
+    Sight,
+    Sighting,
+    corrected,
+    inverse,
+    misfit,
+    place_deviations,
+    pose_spread,
+    with_floor,
+)
+from phalanx.mission.walk.fix import floor_of, initial_belief, odometry_errors_of, sight_of, sighting
 from phalanx.world.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
 
 CONFIG = MissionConfig()
-SIGHT, FLOOR, WHEELS = sight_of(CONFIG), floor_of(CONFIG), wheels_of(CONFIG)
+SIGHT, FLOOR, WHEELS = sight_of(CONFIG), floor_of(CONFIG), odometry_errors_of(CONFIG)
 
 metres, turns = st.floats(-30, 30), st.floats(-3, 3)
 moves = st.tuples(st.just("move"), st.floats(-1, 1), turns, st.booleans())
@@ -52,7 +61,7 @@ def test_a_covariance_stays_one_whatever_happens(events):
             assert np.all(sizes[:3] >= np.array([FLOOR[0], FLOOR[0], FLOOR[1]]) * (1 - 1e-9))
         # Scaled to correlations, or the metres would hide the radians.
         assert np.linalg.eigvalsh(belief.spread / np.outer(sizes, sizes)).min() > -1e-9
-        again = of_numbers(belief.numbers)
+        again = belief_from_numbers(belief.numbers)
         assert again is not None
         assert again.numbers == belief.numbers
 
@@ -74,7 +83,7 @@ def test_turns_to_and_fro_beside_a_wall_slip_both_ways():
     belief = initial_belief(CONFIG, (0.0, 0.0, 0.0))
     for k in range(120):
         belief = belief.moved(0.0, 0.12 if k % 8 < 4 else -0.12, WHEELS, touches=True)
-    assert 0.05 < math.sqrt(belief.doubt[5]) < 0.25
+    assert 0.05 < math.sqrt(belief.pose_covariance[5]) < 0.25
 
 
 @pytest.mark.parametrize(
@@ -82,10 +91,10 @@ def test_turns_to_and_fro_beside_a_wall_slip_both_ways():
 )
 def test_numbers_that_are_no_covariance_are_refused(i, value):
     numbers = list(initial_belief(CONFIG, (0.0, 0.0, 0.0)).numbers)
-    assert of_numbers(numbers) is not None
+    assert belief_from_numbers(numbers) is not None
     numbers[i] = value
-    assert of_numbers(numbers) is None
-    assert of_numbers(numbers[:-1]) is None
+    assert belief_from_numbers(numbers) is None
+    assert belief_from_numbers(numbers[:-1]) is None
 
 
 @given(st.lists(st.floats(-3, 3), min_size=9, max_size=9))
@@ -104,7 +113,7 @@ def test_a_doubt_is_what_chance_shows():
     off = chance.multivariate_normal(np.zeros(3), spread, 200_000)
     ox, oy = 3.0, -2.0
     places = np.stack((off[:, 0] - oy * off[:, 2], off[:, 1] + ox * off[:, 2]), axis=1)
-    along_x, along_y, most = doubt_of(spread, ox, oy, Sight(0.0, 0.0, 0.0))
+    along_x, along_y, most = place_deviations(spread, ox, oy, Sight(0.0, 0.0, 0.0))
     assert (along_x, along_y) == pytest.approx(tuple(places.std(axis=0)), rel=0.02)
     assert most == pytest.approx(math.sqrt(np.linalg.eigvalsh(np.cov(places.T)).max()), rel=0.02)
 
@@ -145,10 +154,12 @@ def test_compiled_and_plain_are_the_same_bits(events):
     assert plain.numbers == compiled.numbers
     match = Sighting(4.0, 5.0, 4.2, 4.9, 0.1)
     for one, other in zip(
-        (misfit, doubt_of, not_surer), (misfit.py_func, doubt_of.py_func, not_surer.py_func), strict=True
+        (misfit, place_deviations, with_floor),
+        (misfit.py_func, place_deviations.py_func, with_floor.py_func),
+        strict=True,
     ):
         block = plain.spread[:3, :3].copy()
-        args = {misfit: (1.0, 2.0, match, SIGHT), doubt_of: (3.0, -2.0, SIGHT), not_surer: FLOOR}[one]
+        args = {misfit: (1.0, 2.0, match, SIGHT), place_deviations: (3.0, -2.0, SIGHT), with_floor: FLOOR}[one]
         assert np.array_equal(one(block, *args), other(block, *args))
 
 
@@ -198,7 +209,7 @@ def driven(seed: int, model: NoiseModel, noise: Noise = REAL, *, sigma=(0.03, 0.
     drawn = [replace(each, **_moved_by(chance, each, noise.drawn_m, noise.drawn_rad)) for each in landmarks]
     for i, (way, turn) in enumerate(lap() * laps):
         truth, before = along_arc(truth, way, turn), wheels.pose
-        belief = belief.driven(before, wheels.step(way, turn), wheels_of(CONFIG))
+        belief = belief.driven(before, wheels.step(way, turn), odometry_errors_of(CONFIG))
         if i % SIGHT_EVERY == 0:
             order = sorted(range(len(landmarks)), key=lambda k: math.dist(_place(landmarks[k]), truth[:2]))
             for k in order[:2]:
@@ -297,4 +308,4 @@ def test_the_numbers_of_a_belief_are_its_mean_and_its_upper_triangle():
     assert len(belief.numbers) == NUMBERS == COUNT + len(UPPER)
     assert belief.numbers[:3] == belief.pose
     assert belief.numbers[3:6] == belief.drift
-    assert tuple(pose_spread(belief.doubt).ravel()) == tuple(belief.spread[:3, :3].ravel())
+    assert tuple(pose_spread(belief.pose_covariance).ravel()) == tuple(belief.spread[:3, :3].ravel())

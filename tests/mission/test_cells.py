@@ -17,9 +17,9 @@ from phalanx.mission.walk.cells import (
     BIN_STEPS,
     CELL_LIMIT,
     RINGS,
-    Doubt,
     Groups,
     Message,
+    PoseUncertainty,
     bins_beside,
     level_of,
     numbers_of,
@@ -28,7 +28,7 @@ from phalanx.mission.walk.cells import (
 )
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
-from phalanx.mission.walk.searched import Searched
+from phalanx.mission.walk.searched import SearchMemory
 from worlds import built, corridor
 
 metres = st.floats(-1e6, 1e6)
@@ -101,22 +101,22 @@ def test_a_search_one_cell_further_hashes_an_edge_alone(monkeypatch):
         return find(template, word, shift, patches, targets)
 
     monkeypatch.setattr("phalanx.mission.walk.cells.find", counted)
-    searched, kernel = Searched(), search_cells.py_func
+    searched, kernel = SearchMemory(), search_cells.py_func
     for x_m in (-0.8, -0.7, -0.9, -0.8):
         _asked(searched, [x_m], kernel=kernel)
     assert hashed == [11 * 11, 11, 11]
 
 
-def _doubt(metres: float = 0.145, radians: float = 0.0) -> Doubt:
+def _doubt(metres: float = 0.145, radians: float = 0.0) -> PoseUncertainty:
     """Five rings around what is near, of cells of 0.1 m."""
-    return Doubt(0.0, 0.0, np.diag([metres**2, metres**2, radians**2]), Sight(0.001, 0.0, 0.001), 3.5, 1.0)
+    return PoseUncertainty(0.0, 0.0, np.diag([metres**2, metres**2, radians**2]), Sight(0.001, 0.0, 0.001), 3.5, 1.0)
 
 
 MESSAGE = Message(padded(bytes(40), 8), 1, 0)
 
 
 def _asked(
-    searched: Searched,
+    searched: SearchMemory,
     xs_m: list[float],
     first: int = 0,
     left: int = 10_000,
@@ -133,7 +133,7 @@ def _asked(
 
 def test_a_search_tells_where_it_found_what_and_goes_on_behind_it():
     # The pairs of a thing and a group are three, for the bins; without an orientation one of them is searched.
-    places, searched = [0.0, 1.0, 2.0], Searched()
+    places, searched = [0.0, 1.0, 2.0], SearchMemory()
     pair, row, left, cell, after = _asked(searched, places, wanted=12)
     assert (pair, row, cell, after) == (3, 0, (12, 0, -1, -1), 4)
     assert 10_000 - 11 * 11 - 5 * 5 <= left < 10_000 - 11 * 11 - 3 * 3, "one cell around, and of the next two rings"
@@ -143,15 +143,15 @@ def test_a_search_tells_where_it_found_what_and_goes_on_behind_it():
 
 
 def test_a_search_ends_with_its_tries_and_does_not_call_searched_what_was_not():
-    searched = Searched()
+    searched = SearchMemory()
     assert _asked(searched, [0.0, 1.0, 2.0, 3.0, 4.0], left=400)[2] == 37 - 7 * 7
     assert searched.known.used[0] == 3, "of the fourth the first rings alone"
     assert _asked(searched, [4.0], wanted=40)[3] == (40, 0, -1, -1), "nobody came so far"
-    assert _asked(Searched(), [0.0, 1.0], left=0)[:3] == (-1, -1, 0)
+    assert _asked(SearchMemory(), [0.0, 1.0], left=0)[:3] == (-1, -1, 0)
 
 
 def test_a_full_table_is_emptied_and_never_knows_what_was_not_added():
-    searched = Searched(rows=64)
+    searched = SearchMemory(rows=64)
     lane = searched.lane("a", len(RINGS))
     assert searched.lane("a", len(RINGS)) == lane
     assert searched.lane("b", 1) not in range(lane, lane + len(RINGS))

@@ -57,7 +57,7 @@ def states(draw) -> State:
         since_s=draw(st.none() | times),
         fixed_at_m=draw(times),
         left_at_m=draw(times),
-        pulled_m=(draw(times), draw(times)),
+        corrected_m=(draw(times), draw(times)),
         opened=MappingProxyType(opened),
         lengths_m=MappingProxyType(draw(st.dictionaries(ways, times))),
         blocked=draw(st.frozensets(ways)),

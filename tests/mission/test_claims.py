@@ -14,7 +14,7 @@ from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sensor, State
 from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import APART_MAX, Cell, Offset, cell_of
-from phalanx.mission.walk.claims import Claim, Unshown, parse_claim, shows, unlock
+from phalanx.mission.walk.claims import Claim, Unshown, match_of_claim, parse_claim, unlock
 from worlds import BOTH, CONFIG, at, built, cheap, corridor, leading_to, walk, walker_for, walker_of
 
 both = pytest.mark.parametrize("profile", BOTH)
@@ -47,7 +47,7 @@ def test_an_honest_claim_opens_its_node_and_is_shown_by_its_reading(profile):
     assert len(claims) == 5
     for seen, claim, released in claims:
         assert unlock(one.mission, claim) is not None
-        assert shows(one.mission, CONFIG, claim, seen, (), released)
+        assert match_of_claim(one.mission, CONFIG, claim, seen, (), released)
         assert parse_claim(claim.encode()) == claim
 
 
@@ -59,9 +59,9 @@ def test_a_robot_cannot_pretend_to_have_seen_what_its_reading_does_not_show(prof
     for i, (seen, _, released) in enumerate(claims):
         for j, (_, claim, _) in enumerate(claims):
             if abs(i - j) > 1:
-                assert not shows(one.mission, CONFIG, claim, seen, (), released), (i, j)
+                assert not match_of_claim(one.mission, CONFIG, claim, seen, (), released), (i, j)
     seen, claim, _ = claims[3]
-    assert not shows(one.mission, CONFIG, claim, replace(seen, landmarks=()))
+    assert not match_of_claim(one.mission, CONFIG, claim, replace(seen, landmarks=()))
 
 
 @both
@@ -79,11 +79,11 @@ def test_a_made_up_claim_opens_nothing(profile):
     ):
         assert unlock(one.mission, forged) is None
     seen, _, _ = decodes(mission, one)[1]
-    assert not shows(one.mission, CONFIG, replace(claim, cell=other), seen)
+    assert not match_of_claim(one.mission, CONFIG, replace(claim, cell=other), seen)
     if profile is Profile.SEALED:
         assert unlock(one.mission, replace(claim, salt=bytes(32))) is None
     # An offset is the robot's word in the sealed profile, but not more than half a cell of it.
-    assert not shows(one.mission, CONFIG, replace(claim, offset=Offset(x=5000)), seen)
+    assert not match_of_claim(one.mission, CONFIG, replace(claim, offset=Offset(x=5000)), seen)
 
 
 @both
@@ -97,11 +97,11 @@ def test_readings_and_messages_are_part_of_what_is_shown(profile):
     state, outcome = walker.step(state, seen)
     claim = outcome.decoded.claim
     assert unlock(one.mission, claim) is not None
-    assert shows(one.mission, CONFIG, claim, seen, (go,))
-    assert not shows(one.mission, CONFIG, claim, replace(seen, sensors=(b"blue",)), (go,))
-    assert not shows(one.mission, CONFIG, claim, replace(seen, x_m=0.5), (go,)), "it was too far away"
+    assert match_of_claim(one.mission, CONFIG, claim, seen, (go,))
+    assert not match_of_claim(one.mission, CONFIG, claim, replace(seen, sensors=(b"blue",)), (go,))
+    assert not match_of_claim(one.mission, CONFIG, claim, replace(seen, x_m=0.5), (go,)), "it was too far away"
     if profile is Profile.PAPER:
-        assert not shows(one.mission, CONFIG, claim, seen, ())
+        assert not match_of_claim(one.mission, CONFIG, claim, seen, ())
 
 
 @settings(max_examples=150, deadline=None)
@@ -116,7 +116,7 @@ def test_any_bytes_are_a_claim_or_refused_and_none_is_believed(raw, profile):
     seen = replace(at(mission, 4, 0, 1.0), sensors=(b"a", b"b"), messages=(b"c",))
     assert parse_claim(claim.encode()) == claim
     assert unlock(one.mission, claim) is None
-    shows(one.mission, CONFIG, claim, seen, (b"c",))
+    match_of_claim(one.mission, CONFIG, claim, seen, (b"c",))
 
 
 def test_a_claim_says_nothing_of_what_a_node_opens():
@@ -197,11 +197,11 @@ def test_an_offset_is_no_lever_beyond_half_a_bin():
     seen, claim, _ = decodes(mission, one)[1]
     half = one.mission.header.coding.bin_rad / 2 * 1e4
     askew = replace(seen, landmarks=tuple(replace(each, orientation_rad=1.0) for each in seen.landmarks))
-    assert not shows(one.mission, CONFIG, claim, askew)
+    assert not match_of_claim(one.mission, CONFIG, claim, askew)
     shifted = claim.offset._replace(orientation=round(1e4 * (1.0 - seen.landmarks[0].orientation_rad)))
     assert abs(shifted.orientation) > half
-    assert not shows(one.mission, CONFIG, replace(claim, offset=shifted), askew)
-    assert not shows(one.mission, CONFIG, replace(claim, offset=claim.offset._replace(area=20_000)), seen)
+    assert not match_of_claim(one.mission, CONFIG, replace(claim, offset=shifted), askew)
+    assert not match_of_claim(one.mission, CONFIG, replace(claim, offset=claim.offset._replace(area=20_000)), seen)
 
 
 @both

@@ -11,14 +11,14 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, Sensor, build
 from phalanx.mission.authoring import free
-from phalanx.mission.authoring.findable import apart_in, without_duplicates
+from phalanx.mission.authoring.findable import mark_lookalikes_in, without_duplicates
 from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.worth import feasible
 from phalanx.mission.worth.audit import audit
-from phalanx.mission.worth.feasible import look_ahead, ways_in_vain
-from phalanx.mission.worth.outlook import SLACK, SPEED_MPS, time_for_s
+from phalanx.mission.worth.feasible import failing_ways, look_ahead
+from phalanx.mission.worth.outlook import SLACK, SPEED_MPS, time_limit_s
 from phalanx.robot.controllers.mission import field, pilot
 from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.building.odometry import OdometryNoise
@@ -56,7 +56,7 @@ def mission(plan: FloorPlan, goal: Landmark | Position, timeout_s: int = 0):
     draft.node("start", Position(*plan.start[:2]), start=True, timeout_s=timeout_s)
     draft.node("goal", goal, final=True)
     draft.way("start", "goal")
-    return apart_in(plan, draft.mission())
+    return mark_lookalikes_in(plan, draft.mission())
 
 
 def a_pillar() -> Landmark:
@@ -156,7 +156,7 @@ def test_a_survey_has_neither_what_nobody_finds_nor_a_way_on_which_nobody_does(n
     plan = load_floorplan(name)
     plain = survey(plan)
     assert len(plain.nodes) > 25
-    outlook, late, vain = ways_in_vain(plain, plan)
+    outlook, late, vain = failing_ways(plain, plan)
     assert (outlook.infeasible, outlook.doubtful, late, vain) == ({}, {}, set(), set())
     # Of two nodes that seem equally near robots try the first.
     names = [node.name for node in plain.nodes]
@@ -280,9 +280,9 @@ def test_a_mission_has_as_long_as_its_ways_are():
         draft.way("a", "b")
         draft.way("a", "c", both=True)
         draft.way("c", "b")
-        return time_for_s(draft.mission())
+        return time_limit_s(draft.mission())
 
     assert limit_s(12) - limit_s(6) == pytest.approx(SLACK * 2 * 6 / SPEED_MPS, abs=1)
     office = read_plain("office")
-    assert time_for_s(office) > 4 * 600, "which takes 570 s"
-    assert time_for_s(office, Profile.SEALED) == pytest.approx(1.5 * time_for_s(office), abs=1)
+    assert time_limit_s(office) > 4 * 600, "which takes 570 s"
+    assert time_limit_s(office, Profile.SEALED) == pytest.approx(1.5 * time_limit_s(office), abs=1)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from phalanx.config.mission import MissionConfig
 from phalanx.mission import Draft, Landmark, Position, Profile, Sensor, State, Walker
-from phalanx.mission.observable import InSight, rows_of
+from phalanx.mission.observable import ScanLandmarks, rows_of
 from phalanx.mission.walk.finding import Finder
 from phalanx.mission.walk.state import Keyring
 from worlds import BOTH, CHEAP, at, built, cheap
@@ -87,7 +87,7 @@ sightings = st.one_of(
 )
 
 
-def in_sight(sighted) -> InSight:
+def in_sight(sighted) -> ScanLandmarks:
     moved = [
         replace(
             THINGS[i],
@@ -97,7 +97,7 @@ def in_sight(sighted) -> InSight:
         )
         for i, dx, dy, turn in sighted
     ]
-    return InSight(rows_of(moved))
+    return ScanLandmarks(rows_of(moved))
 
 
 @settings(max_examples=150, deadline=None)
@@ -142,7 +142,7 @@ def test_who_sees_nothing_that_matters_is_not_looked_for(profile, monkeypatch):
     def step(decoded: int, x_m: float, *things: Landmark, doubt=SPREADS[0], target: int | None = None):
         state = states[decoded] if target is None else replace(states[decoded], target=target)
         spread = (doubt[0], 0.0, 0.0, doubt[0], 0.0, doubt[1])
-        rows = InSight(rows_of(things))
+        rows = ScanLandmarks(rows_of(things))
         looks.clear()
         _, outcome = walker.step(state, at(mission, x_m, 0.0, state.t_s + 1, landmarks=rows, spread=spread))
         return len(looks), outcome
@@ -165,7 +165,7 @@ def test_who_is_given_gates_looks_for_what_is_behind_them():
     """A gaze belongs to a keyring, not only to what was decoded."""
     mission, walker, states = walks()[2 * BOTH.index(Profile.SEALED)]
     state = replace(states[1], opened=MappingProxyType({**states[1].opened}))  # which no other test has asked for
-    seen = at(mission, 7.5, 0.0, state.t_s + 1, landmarks=InSight(rows_of(THINGS[1:2])))
+    seen = at(mission, 7.5, 0.0, state.t_s + 1, landmarks=ScanLandmarks(rows_of(THINGS[1:2])))
     locked = replace(state, keys=Keyring())
     assert walker.step(locked, seen)[1].decoded is None
     assert walker.step(state, seen)[1].decoded is not None
@@ -174,10 +174,10 @@ def test_who_is_given_gates_looks_for_what_is_behind_them():
 
 def test_what_a_scan_shows_is_told_as_landmarks():
     things = (*THINGS, Landmark("corner_convex", math.pi, -1.0, 0.0))
-    seen = InSight(rows_of(things))
+    seen = ScanLandmarks(rows_of(things))
     assert tuple(seen) == things
     assert len(seen) == len(things)
-    assert seen[1] is seen.told[1]
+    assert seen[1] is seen.landmarks[1]
     assert seen[-2:] == things[-2:]
     assert np.array_equal(rows_of(seen), rows_of(things), equal_nan=True)
-    assert not InSight(rows_of(()))
+    assert not ScanLandmarks(rows_of(()))

@@ -15,7 +15,7 @@ from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import LANDMARK_TYPES, Cell, Offset, middle_of
 from phalanx.mission.pose.spread import misfit
 from phalanx.mission.walk.fix import fits, sighting
-from phalanx.mission.walk.search import doubt_in, is_around, placed, region
+from phalanx.mission.walk.search import is_around, placed, pose_uncertainty, region
 from phalanx.mission.walk.search_sealed import cells_that_fit
 from phalanx.mission.walk.searched import spiral
 from phalanx.papers.missions.fig8c import use_plain_hash
@@ -57,7 +57,7 @@ def cells(config: MissionConfig, delta_mm: int, spread: tuple[float, ...], x_m: 
     seen = Experience(0.0, 0.0, 0.0, 0.0, spread=spread)
     door = Landmark("doorway", x_m, 0.0) if shape.place == 1 else None
     coding = CodingConfig(delta_mm=delta_mm)
-    return len(cells_around(shape, coding, doubt_in(config, seen), door, Cell(0, 0), Offset()))
+    return len(cells_around(shape, coding, pose_uncertainty(config, seen), door, Cell(0, 0), Offset()))
 
 
 def test_as_many_cells_as_the_paper_tests_where_the_robot_is_as_unsure_as_there():
@@ -92,7 +92,7 @@ def test_the_search_goes_as_far_as_the_robot_is_unsure_and_never_beyond_its_tole
 def test_a_cell_is_around_another_if_it_is_tried(shape, turn_rad, centre):
     seen = Experience(0.0, 0.0, 0.0, 0.0, spread=(0.04, 0.0, 0.0, 0.04, 0.0, 0.02))
     door = Landmark("doorway", 1.5, 0.7, turn_rad) if shape.place == 1 else None
-    asked = shape, CodingConfig(delta_mm=200), doubt_in(MissionConfig(), seen), door, centre, Offset(30, -20, 5)
+    asked = shape, CodingConfig(delta_mm=200), pose_uncertainty(MissionConfig(), seen), door, centre, Offset(30, -20, 5)
     tried = set(cells_around(*asked))
     assert len(tried) > (8 if shape.place else 0)
     bins = CodingConfig().heading_bins
@@ -116,7 +116,7 @@ def test_the_slow_search_tries_what_fits_of_the_cells_around(turn, oriented, kin
     spread = (sure[0] ** 2, 0.0, 0.0, sure[0] ** 2, 0.0, sure[1] ** 2)
     seen = Experience(0.0, 0.1, 0.2, 0.0, landmarks=(landmark,), spread=spread)
     ((_, centre),) = placed(shape, coding, seen, (), offset, 0)
-    doubt, expected = doubt_in(config, seen), []
+    doubt, expected = pose_uncertainty(config, seen), []
     for cell in cells_around(shape, coding, doubt, landmark, centre, offset):
         match = sighting(landmark, Landmark(kind, *middle_of(coding, offset, cell)), 2.0, -1.0)
         if fits(config, doubt.spread, 0.1, 0.2, match):

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx.cli.commands.mission import mission as group
-from phalanx.cli.mission.draw import lived
+from phalanx.cli.mission.draw import simulate_parts
 from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
 from phalanx.lab.figures.missions import draw_mission
@@ -242,7 +242,7 @@ def test_a_drawing_of_a_run_shows_where_the_robot_was_and_where_it_believed_to_b
     assert len(run) == len(still) + 9
     assert run != other
     # From the same seed the same.
-    reports = lived(plain, plan, 0)
+    reports = simulate_parts(plain, plan, 0)
     assert [report.done for report in reports] == [True, True]
     draw_mission(plain, plan, tmp_path / "same.svg", reports)
     assert _svg(tmp_path / "same.svg")[1] == run

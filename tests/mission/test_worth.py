@@ -18,7 +18,7 @@ from phalanx.mission.file.canonical import shape_of
 from phalanx.mission.observable import Offset, cell_of, middle_of
 from phalanx.mission.worth.audit import Rates, audit
 from phalanx.mission.worth.guessing import OUT_OF_REACH
-from phalanx.mission.worth.shown import Before, cell_in, shown_by
+from phalanx.mission.worth.shown import Before, candidates_in, cell_in
 from phalanx.world.building.floorplan import load_floorplan
 from worlds import BOTH, CHEAP, built, cheap, corridor, decoded_of, walk, walker_of
 
@@ -70,12 +70,12 @@ class TestAudit:
         # Nothing could be summed: that is no cost of 0.
         assert report.out_of_reach == len(report.nodes)
         assert report.core_s == report.gpu_s == math.inf
-        told = json.loads(json.dumps(report.told(), allow_nan=False))
+        told = json.loads(json.dumps(report.to_json(), allow_nan=False))
         assert (told["core_s"], told["gpu_s"]) == (None, None)
         report, row = rows(small(CHEAP), Profile.SEALED, open_start=True)
         assert row["start"].candidates == pytest.approx(30 * 25)
         assert 0 < report.core_s < math.inf
-        assert report.told()["core_s"] == report.core_s
+        assert report.to_json()["core_s"] == report.core_s
 
     def test_what_is_behind_a_message_or_a_random_token_is_out_of_reach(self):
         for barrier in ("message", "token", "reading"):
@@ -99,7 +99,7 @@ class TestAudit:
         plain = office()
         start = replace(plain.nodes[0], see=((Sensor(value),),))
         mission = replace(plain, nodes=(start, *plain.nodes[1:]))
-        report = audit(mission, Profile.SEALED, open_start=True, plan=shown_by(OFFICE, 1))
+        report = audit(mission, Profile.SEALED, open_start=True, plan=candidates_in(OFFICE, 1))
         assert report.nodes[0].by_plan == report.nodes[0].candidates == 2.0**bits
 
     def test_the_robots_own_search_is_told(self):
@@ -193,7 +193,7 @@ def tries_by_plan(mission: Mission, offset_mm: int = 1) -> int:
     """KDFs until all is read."""
     one = built(mission, Profile.SEALED, offset_mm=offset_mm)
     nodes, tries = set(), 0
-    for batch in crack_sealed(one.mission, one.key, mission.box_m, plan=shown_by(OFFICE, offset_mm)):
+    for batch in crack_sealed(one.mission, one.key, mission.box_m, plan=candidates_in(OFFICE, offset_mm)):
         tries += batch.tries
         nodes |= {node.node for node in batch.found}
         if len(nodes) == len(mission.nodes):
@@ -208,7 +208,7 @@ class TestFloorPlan:
     ):
         tries = tries_by_plan(office(), offset_mm)
         assert 33 <= tries <= 38
-        report = audit(office(), Profile.SEALED, open_start=True, plan=shown_by(OFFICE, offset_mm))
+        report = audit(office(), Profile.SEALED, open_start=True, plan=candidates_in(OFFICE, offset_mm))
         assert sum(row.by_plan for row in report.nodes) == pytest.approx(tries, abs=3)
         assert report.plan_core_s < report.core_s / 1000
         assert audit(office(), Profile.SEALED, open_start=True).plan_core_s is None
@@ -217,7 +217,7 @@ class TestFloorPlan:
         """Of the first doorway behind a door, with one of the three at a time: its cell is among the first."""
         node = next(node for node in office().nodes if node.name == "D12")
         (door,) = node.see[0]
-        shown, nowhere = shown_by(OFFICE, 400), Offset()
+        shown, nowhere = candidates_in(OFFICE, 400), Offset()
         before = Before(10.6, 13.5, math.radians(90), 120)
         exact = alias_offset(CHEAP, node.see[0])
 
@@ -229,11 +229,11 @@ class TestFloorPlan:
         first, of = rank(shown, before, nowhere)
         assert (first, of > 15) == (1, True), "by the direction"
         assert rank(shown, None, nowhere._replace(apart=exact.apart))[0] <= 3, "by how far its like is"
-        assert rank(shown_by(OFFICE, 1), None, exact._replace(apart=255))[0] <= 3, "by the offset"
+        assert rank(candidates_in(OFFICE, 1), None, exact._replace(apart=255))[0] <= 3, "by the offset"
         assert rank(shown, None, nowhere)[0] > 3, "by none of them"
 
     def test_without_the_start_key_it_is_worth_nothing(self):
-        report = audit(office(), Profile.SEALED, plan=shown_by(OFFICE, 1))
+        report = audit(office(), Profile.SEALED, plan=candidates_in(OFFICE, 1))
         assert report.plan_core_s == math.inf
         assert report.nodes[0].by_plan >= OUT_OF_REACH
 
@@ -243,7 +243,7 @@ class TestFloorPlan:
         door = replace(plain.nodes[1], start=True)
         mission = replace(plain, nodes=(start, door), ways=())
         one = built(mission, Profile.SEALED)
-        batches = crack_sealed(one.mission, one.key, mission.box_m, plan=shown_by(OFFICE, 1))
+        batches = crack_sealed(one.mission, one.key, mission.box_m, plan=candidates_in(OFFICE, 1))
         found = [(node.node, batch.tries) for batch in batches for node in batch.found]
         assert [node for node, _ in found] == [1, 0], "what is shown first"
         assert found[0][1] == 1 < found[1][1]

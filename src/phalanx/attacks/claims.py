@@ -65,10 +65,10 @@ class Spoof(Liar):
         self._period_ms = max(1, round(1000 * float(self.plan.options.get("every", LIES_PERIOD_S))))
         self._strong = bool(self.plan.options.get("strong")) and self.profile == PLAIN
 
-    def saw(self, rob_id: int, motion: Motion) -> None:
+    def on_state_received(self, rob_id: int, motion: Motion) -> None:
         """Note a state, unless its speed shows that a colluding robot made it up."""
         if not (self.plan.colluding and abs(math.hypot(motion.vx_mps, motion.vy_mps) - LIES_MPS) < TOLD_APART_MPS):
-            super().saw(rob_id, motion)
+            super().on_state_received(rob_id, motion)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         victims = sorted(self.seen)

@@ -14,7 +14,7 @@ from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.robot.actions import Action
 from phalanx.robot.adversary.attack import Scene
 from phalanx.robot.adversary.liar import MOTION, Liar
-from phalanx.robot.controllers.peer_bodies import BEHIND_T, fields_of
+from phalanx.robot.controllers.peer_bodies import FIRST_VALUE, fields_of
 from phalanx.robot.controllers.peers import PeerController
 from phalanx.wire.fields import put_u32, row
 from phalanx.wire.protocols import SEEN, SIGHTING
@@ -65,7 +65,7 @@ class ReorderEntries(DropEntries):
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         while self._held and self._held[0][0] + BELIEVED_AFTER_MS <= now_ms:
-            self.believe(*self._held[0])
+            self.accept_packet_at(*self._held[0])
             self._held = self._held[1:]
         return super().sensed(now_ms, reading)
 
@@ -79,7 +79,7 @@ class InsertEntries(Liar):
             _, _, _, x_m, y_m, vx_mps, vy_mps = MOTION.unpack_from(reading)
             nobody = max(self.plan.ids) + 1
             state = MOTION.pack(KIND_STATE, nobody, now_ms, x_m + 3.0, y_m, vx_mps - 5.0, vy_mps)
-            self.believe(now_ms, state)
+            self.accept_packet_at(now_ms, state)
         return super().sensed(now_ms, reading)
 
 
@@ -183,7 +183,7 @@ class ShowThing(Liar):
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
         if said := fields_of(SIGHTING, packet):
-            self._number = said[BEHIND_T]
+            self._number = said[FIRST_VALUE]
         return super().on_packet(now_ms, packet)
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
@@ -271,7 +271,7 @@ class Interleave(Liar):
                 n = self.chain(INPUT, now_ms, reading)
                 if n > 0:
                     self._stock += (self.w.entry[:n].tobytes(),)
-            self.deviates(now_ms)
+            self.record_deviation(now_ms)
         return actions
 
     def round_due(self, now_ms: int) -> list[Action]:

@@ -129,7 +129,7 @@ class Collude(Hijack):
         if self.profile == PLAIN or get_u16(row(packet), request.AT_SRC) not in self.plan.colluding:
             return super().asked(now_ms, packet)
         place = self.whole_request(now_ms, packet)
-        return self.vouch(now_ms, place) if place >= 0 else []
+        return self.issue_token_unaudited(now_ms, place) if place >= 0 else []
 
 
 class ZeroKey(Hijack):
@@ -186,7 +186,7 @@ class WrongCheckpoint(Liar):
             at = request.HEAD_BYTES + tokens * request.TOKEN_BYTES
             length = int(get_u16(q, request.AT_CHECKPOINT_LEN))
             trusted.sha1(q[at : at + length], length, q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES])
-        return self.vouch(now_ms, place)
+        return self.issue_token_unaudited(now_ms, place)
 
 
 class Drain(RefuseToAudit):

@@ -39,7 +39,7 @@ FORWARDED = {lines.POLL, lines.RECV, lines.SEND, lines.ACTUATE}
 FAILED: int = trusted.E_ARG
 
 
-class Elsewhere(Protocol):
+class RemoteNodes(Protocol):
     """A robot's two trusted nodes on another machine."""
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
@@ -49,13 +49,13 @@ class Elsewhere(Protocol):
             call: of wire.lines.
             now_ms: the time, for nodes without a clock; None if the function does not depend on time.
             arguments: the call's fields except its number.
-        Returns: a code >= 0 with exactly `made_by` bytes, or one of trusted's errors with none.
+        Returns: a code >= 0 with exactly `output_size` bytes, or one of trusted's errors with none.
         Raises: Unavailable: no answer in time, or an invalid one.
         """
         ...
 
 
-def made_by(call: Record, **arguments: Any) -> int:
+def output_size(call: Record, **arguments: Any) -> int:
     """Return the number of output bytes of a call that is not refused."""
     if call in FORWARDED:
         (data,) = arguments.values()
@@ -63,12 +63,12 @@ def made_by(call: Record, **arguments: Any) -> int:
     return MADE.get(call, 0)
 
 
-_placed: dict[int, Elsewhere] = {}
+_placed: dict[int, RemoteNodes] = {}
 _failed: list[BaseException] = []
 
 
-def place(nodes: Sequence[Elsewhere]) -> NDArray[np.uint8]:
-    """Register remote nodes until `forget`, and return their rows for kernels, (n, ELSEWHERE_BYTES)."""
+def register_remote(nodes: Sequence[RemoteNodes]) -> NDArray[np.uint8]:
+    """Register remote nodes until `unregister_remote`, and return their rows for kernels, (n, ELSEWHERE_BYTES)."""
     rows = np.zeros((len(nodes), trusted.ELSEWHERE_BYTES), np.uint8)
     for each, its in zip(nodes, rows, strict=True):
         number = max(_placed, default=0) + 1
@@ -77,7 +77,7 @@ def place(nodes: Sequence[Elsewhere]) -> NDArray[np.uint8]:
     return rows
 
 
-def forget(rows: NDArray[np.uint8]) -> None:
+def unregister_remote(rows: NDArray[np.uint8]) -> None:
     """Unregister remote nodes; later calls to them fail."""
     for each in rows:
         _placed.pop(get_u32(each, 0), None)

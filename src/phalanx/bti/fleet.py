@@ -203,7 +203,7 @@ def make_fleet(
     return pack(fleet)
 
 
-def vouchers(fleet: Fleet, i: int, now_ms: int) -> list[tuple[int, float]]:
+def held_tokens(fleet: Fleet, i: int, now_ms: int) -> list[tuple[int, float]]:
     """Return the auditors whose tokens robot i holds, each with the seconds its token is still valid.
 
     Source: RoboRebound §3.5.

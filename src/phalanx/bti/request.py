@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from phalanx.config.bti import MOST_FRAGMENTS
 from phalanx.kernel import kernel
-from phalanx.pool import NO_ROW, give_back, lend
+from phalanx.pool import NO_ROW, borrow, give_back
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, get_u16, put_u16, put_u32
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
@@ -124,7 +124,7 @@ def row_of(f: Fleet, i: int) -> int:
     """Return the robot's row of `f.request`; allocate one if needed, until the request is withdrawn."""
     r = f.robot[i]
     if r.request_row == NO_ROW:
-        r.request_row = lend(f.request)
+        r.request_row = borrow(f.request)
     return int(r.request_row)
 
 
@@ -243,7 +243,7 @@ def take_fragment(f: Fleet, i: int, packet: Row, length: int, now: int) -> int:
         if not _may_begin(f, i, src, now):
             return -1
         if x.src == 0:
-            x.row = lend(f.rx)
+            x.row = borrow(f.rx)
         x.src = src
         x.no = no
         x.count = count

@@ -101,7 +101,7 @@ def _replaceable(f: Fleet, i: int) -> int:
 
 
 @kernel
-def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
+def mark_in_range(f: Fleet, i: int, rob_id: int, now: int) -> None:
     """Record that a robot is in range now. Source: docs/spec/rebound.md (ghost auditors)."""
     at = peer_at(f, i, rob_id)
     if at >= 0:

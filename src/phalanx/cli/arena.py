@@ -43,7 +43,7 @@ def arena(
     """Run the robots of a scenario as processes, and print a summary. Return 1 if a process failed."""
     conditions = RadioConditions(**{each.name: options.pop(each.name) for each in fields(RadioConditions)})
     chosen_attacks = find_attacks(attacks) if attacks else None
-    chosen = sim.changed(find_scenario(scenario), options, attacks=chosen_attacks)
+    chosen = sim.apply_options(find_scenario(scenario), options, attacks=chosen_attacks)
     chosen, own = find_controller(controller, chosen, in_python=True)
     if loss is not None:
         chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
@@ -55,7 +55,7 @@ def arena(
         sealed=sealed,
         on_air=tuple(parse_on_air(each, chosen.robots) for each in on_air),
     )
-    sim.warn(chosen)
+    sim.print_cautions(chosen)
     with contextlib.ExitStack() as stack:
         folder = _folder(keep, stack)
         show_progress, check = sim.progress(chosen.duration_s), stack.enter_context(ctrl_c_between_steps())

@@ -19,15 +19,15 @@ from phalanx.scenarios.own import find_attack, find_controller, is_file, mistake
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 
 from .mission.crack import span
-from .sim import TYPED, changed, named, progress, told, warn
-from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
+from .sim import TYPED, apply_options, format_number, format_robots, print_cautions, progress
+from .terminal import Progress, count_of, end_status_line, print_json, print_rows, stdout_to_stderr
 
 DURATION_S = 150.0  # as in the paper
 
 
 def run(name: str, defence: Any, controller: str | None, as_json: bool, **options: Any) -> int:
     """Run an attack, and the same run without it. Return 1 if the outcome differs from the declared one."""
-    with said_aside():
+    with stdout_to_stderr():
         first = find_attack(name)
     if not (first.own or first.name in known_attacks()):
         raise UsageError(
@@ -36,7 +36,7 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **option
     trial: FlockTrial | MissionTrial | TeamTrial
     goal_m: tuple[float, float] | None = None
     if first.attack.in_swarm:
-        with said_aside(), mistakes_in(controller, name):
+        with stdout_to_stderr(), mistakes_in(controller, name):
             trial, goal_m = _try_in_flock(first, options, defence, controller)
     elif first.attack.scene == "team":
         trial = _try_in_team(name, first, options | {"controller": controller}, defence)
@@ -62,7 +62,7 @@ def _try_in_flock(
     protocol = first.attack.against or controller  # attacks on the flock have no `against`
     is_protocol = protocol in PROTOCOLS
     swarm = find_scenario(str(protocol)) if is_protocol else Scenario(name="attack", duration_s=DURATION_S)
-    scenario = changed(swarm, options, defence=defence)
+    scenario = apply_options(swarm, options, defence=defence)
     if first.at_s >= scenario.duration_s:
         raise UsageError(
             f"{first.name} begins at {first.at_s:g} s, when the run of {scenario.duration_s:g} s is over",
@@ -71,7 +71,7 @@ def _try_in_flock(
     others = first.attack.liars(scenario.bti.f_max) - 1
     scenario = replace(scenario, attacks=(first, *(replace(first, robot=None),) * others))
     scenario, own = find_controller(controller, scenario)
-    warn(scenario)
+    print_cautions(scenario)
     report = {which: progress(scenario.duration_s, f"{which}: ") for which in ("attacked", "honest")}
     try:
         unknown = own or is_protocol or is_file(scenario.controller)
@@ -114,7 +114,7 @@ def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: 
     if isinstance(trial, TeamTrial):
         print_rows(rows | _team(trial))
         return
-    harm = f"{told(trial.harm, '.3g')} {trial.harm_unit}".strip() + f": {trial.harm_words}"
+    harm = f"{format_number(trial.harm, '.3g')} {trial.harm_unit}".strip() + f": {trial.harm_words}"
     if trial.declared == "stopped":
         rows["harm until stopped"] = harm
     elif trial.declared == "not covered":
@@ -126,20 +126,20 @@ def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: 
 
 def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, str]:
     attacked, honest = trial.attacked, trial.honest
-    swarm = f"{counted(attacked['robots'], 'robot')}, {attacked['duration_s']:g} s, seed {attacked['seed']}"
+    swarm = f"{count_of(attacked['robots'], 'robot')}, {attacked['duration_s']:g} s, seed {attacked['seed']}"
     rows = {"swarm": swarm}
     if goal_m:
         rows["swarm"] += f", goal ({goal_m[0]:g}, {goal_m[1]:g})"
         rows["distance to the goal"] = (
-            f"{told(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
-            f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack"
+            f"{format_number(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
+            f"{format_number(trial.honest_distance_m, '.1f', ' m')} without the attack"
         )
     for task, done in attacked.get("task", {}).items():
-        rows[task] = f"{told(done, 'g')}, {told(honest['task'][task], 'g')} without the attack"
+        rows[task] = f"{format_number(done, 'g')}, {format_number(honest['task'][task], 'g')} without the attack"
     rows |= {
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "stopped with a quorum": _wronged(trial),
-        "stopped, no quorum": named(attacked["without_quorum"]),
+        "stopped, no quorum": format_robots(attacked["without_quorum"]),
     }
     if trial.idle:
         rows["without effect"] = f"{', '.join(trial.idle)}: makes no difference under {trial.defence}"
@@ -149,7 +149,7 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
 
 
 def _wronged(trial: FlockTrial) -> str:
-    stopped = named(trial.attacked["correct_in_safe_mode"])
+    stopped = format_robots(trial.attacked["correct_in_safe_mode"])
     if trial.wronged is None:
         return f"{stopped}; no promise applies"
     return f"{stopped}: promise P2 is {'BROKEN' if trial.wronged else 'kept'}"
@@ -159,7 +159,7 @@ def _ended(trial: FlockTrial, stop: Stop) -> str:
     began = "never deviated" if stop.first_deviation_s is None else f"deviated at {stop.first_deviation_s:.2f} s"
     if stop.safe_mode_s is None:
         return f"{began}, is not in Safe Mode"
-    bound = told(trial.bound_of(stop), ".3f", " s allowed")
+    bound = format_number(trial.bound_of(stop), ".3f", " s allowed")
     later = "" if stop.after_s is None else f", {stop.after_s:.2f} s later" + (f" ({bound})" if bound != "-" else "")
     return f"{began}, in Safe Mode at {stop.safe_mode_s:.2f} s{later}"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from phalanx.daemon.evidence import read_kept, record_log
-from phalanx.daemon.proofs import Proven, mission_key_of, proven, signed_in
+from phalanx.daemon.evidence import read_robot_log, record_log
+from phalanx.daemon.proofs import ProofResult, check_proofs, count_signed_messages, mission_key_of
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import UsageError
 from phalanx.scenarios.own import find_controller, mistakes_in
@@ -37,17 +37,17 @@ def verify(
     if (keys is None) != (issued is None):
         raise UsageError("--keys and --key need each other", "give both, or neither")
     trusted = [read_trusted(each).hex() for each in trust]
-    kept = read_kept(file)
+    kept = read_robot_log(file)
     signer = kept.mission_signer
     mission_line, is_as_signed = _mission_signer(signer, kept.signed is not None, trusted)
     scenario, own = find_controller(controller, kept.scenario, in_python=True)
     kept = replace(kept, scenario=scenario)
-    proof: Proven | None = None
+    proof: ProofResult | None = None
     if keys and issued:
-        proof = proven(kept, mission_key_of(kept, keys, passphrase_of(keys, passphrase_file), issued))
+        proof = check_proofs(kept, mission_key_of(kept, keys, passphrase_of(keys, passphrase_file), issued))
     with mistakes_in(controller):
-        found, entries = kept.first_lie(own), len(kept.entries())
-    signed = signed_in(kept)
+        found, entries = kept.first_dishonest_entry(own), len(kept.entries())
+    signed = count_signed_messages(kept)
     at_s = None if found is None else (found.t_ms - kept.t_key_ms) / 1000
     reason = "" if found is None else found.refusal.name.lower().replace("_", " ")
     if as_json:
@@ -86,7 +86,7 @@ def _mission_signer(by: str, is_signed: bool, trusted: list[str]) -> tuple[str, 
     return (f"its mission was signed by {by}" if by else "its mission is not signed: it is the robot's claim"), True
 
 
-def _proof_text(proof: Proven | None) -> str:
+def _proof_text(proof: ProofResult | None) -> str:
     if proof is None:
         return ""
     if proof.false_at is not None:

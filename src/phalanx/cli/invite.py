@@ -15,7 +15,7 @@ from phalanx.net.private_file import write_whole
 
 from .codes import qr_text
 from .gateway_of import ask_gateway, default_state
-from .terminal import counted, plain, talk
+from .terminal import count_of, plain, talk
 
 ROLES = {"watcher": "watch", "driver": "drive", "operator": "operate"}
 SHEET = """<!doctype html>
@@ -58,7 +58,9 @@ def invite(
         card = line | {"robots": [listed.get(robot, robot)], "name": name or robot}
         cards.append((robot, ask_gateway(state, "link/invite", card)["svg"]))
     write_whole(sheet, sheet_of(cards, uses).encode(), "use a folder that you can write to", private=True)
-    talk(f"{counted(len(cards), 'card')} in {plain(sheet)}: each lets its holder drive; print the file, then delete it")
+    talk(
+        f"{count_of(len(cards), 'card')} in {plain(sheet)}: each lets its holder drive; print the file, then delete it"
+    )
 
 
 def sheet_of(cards: Sequence[tuple[str, str]], uses: int) -> str:
@@ -97,7 +99,7 @@ def verify(file: Path | None, state: Path | None, top: str | None) -> None:
     if gaps:
         hint = "the gateway noticed this at its start; restore the lines, or use another copy of the trail"
         raise UsageError(f"lines are missing before line {gaps[0]} of {plain(path)}", hint)
-    click.echo(f"{counted(count, 'line')}, complete; last hash: {last or 'none'}")
+    click.echo(f"{count_of(count, 'line')}, complete; last hash: {last or 'none'}")
     if not mark and not top:
         talk(f"not checked whether the end was cut off: no {plain(mark_of(path))}; use --top HASH")
 

@@ -11,8 +11,8 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from phalanx.daemon.run import mission_in
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import UsageError
-from phalanx.net.keyring import Keys, create, opened, pem
-from phalanx.net.mission_key import issued
+from phalanx.net.keyring import Keys, create, open_keyring, pem
+from phalanx.net.mission_key import encode_mission_key_file
 from phalanx.net.private_file import write_private
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
@@ -31,7 +31,7 @@ def make(file: Path, name: str, passphrase_file: Path | None) -> None:
 def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -> None:
     """Create one robot's master key and write it to a board file. Works once per robot."""
     _check_new(out)
-    with opened(file, passphrase_of(file, passphrase_file)) as keys:
+    with open_keyring(file, passphrase_of(file, passphrase_file)) as keys:
         master = keys.provision(robot, today())
     write_private(out, BOARD.encode(id=robot, master=master))
     talk(
@@ -44,7 +44,7 @@ def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_f
     """Issue the next mission's key, sealed per robot; `rotate` also replaces the keys of orders, stops and advice."""
     _check_new(out)
     scenario = mission_in(Path(), mission) if mission else None
-    with opened(file, passphrase_of(file, passphrase_file)) as keys:
+    with open_keyring(file, passphrase_of(file, passphrase_file)) as keys:
         if rotate and scenario:
             _check_signers_kept(keys, scenario)
         number, sealed = keys.issue()
@@ -52,8 +52,8 @@ def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_f
             for purpose in ("orders", "stops", "advice"):
                 keys.renew(purpose)
         signers = {purpose: keys.public(purpose) for purpose in keys.signers}
-        signed = sign_mission(scenario, number, keys.signer("missions")).told if scenario else {}
-    write_private(out, issued(number, sealed, signers, signed))
+        signed = sign_mission(scenario, number, keys.signer("missions")).as_json if scenario else {}
+    write_private(out, encode_mission_key_file(number, sealed, signers, signed))
     talk(f"{out} contains the key of mission {number}, sealed for {len(sealed)} robots")
 
 
@@ -70,7 +70,7 @@ def _check_signers_kept(keys: Keys, scenario: Scenario) -> None:
 
 def retire(file: Path, robot: int, passphrase_file: Path | None) -> None:
     """Exclude a robot from the next mission on."""
-    with opened(file, passphrase_of(file, passphrase_file)) as keys:
+    with open_keyring(file, passphrase_of(file, passphrase_file)) as keys:
         keys.retire(robot, today())
     talk(f"robot {robot} gets no more mission keys; in the running mission it continues, and counts towards f_max")
 
@@ -78,14 +78,14 @@ def retire(file: Path, robot: int, passphrase_file: Path | None) -> None:
 def renew_passphrase(file: Path, passphrase_file: Path | None, new_passphrase_file: Path | None) -> None:
     """Encrypt the file with a new passphrase."""
     old = passphrase_of(file, passphrase_file)
-    with opened(file, old, passphrase(new_passphrase_file, new=True)):
+    with open_keyring(file, old, passphrase(new_passphrase_file, new=True)):
         pass
     talk(f"{file} is encrypted with the new passphrase; older copies still open with the old one")
 
 
 def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Path | None) -> None:
     """Write a signing key, or its public key, as PEM."""
-    with opened(file, passphrase_of(file, passphrase_file)) as keys:
+    with open_keyring(file, passphrase_of(file, passphrase_file)) as keys:
         key = keys.signer(signer)
     checks = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
     write_private(out, checks if public else pem(key))
@@ -94,7 +94,7 @@ def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Pa
 
 def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
     """List the robots that have keys, and the public keys of the signers."""
-    with opened(file, passphrase_of(file, passphrase_file)) as keys:
+    with open_keyring(file, passphrase_of(file, passphrase_file)) as keys:
         signers = {purpose: keys.public(purpose) for purpose in keys.signers}
     rows = [{"robot": robot, "given": about.given, "retired": about.retired} for robot, about in keys.robots.items()]
     if as_json:

@@ -18,7 +18,7 @@ from phalanx.net.broker_url import BrokerUrl
 
 from .credentials import read_login
 from .run import run
-from .terminal import counted, plain, print_json, talk
+from .terminal import count_of, plain, print_json, talk
 from .visiting import Visitor, qrkey_visitor, refusals_for_people, session_visitor
 
 STATUS = ("active", "quiet", "lost")
@@ -190,6 +190,6 @@ async def _drive(robots: _Robots, name: str, wheels_pct: tuple[int, int], for_s:
         places = {"from": before.get("lh2_position"), "to": after.get("lh2_position")}
         print_json({"address": address, "commands": sent} | places)
     elif robots.unlisted:
-        click.echo(f"{counted(sent, 'command')} to {plain(address)}; it is not known whether such a robot exists")
+        click.echo(f"{count_of(sent, 'command')} to {plain(address)}; it is not known whether such a robot exists")
     else:
         click.echo(f"before  {_row(before)}\nafter   {_row(after)}")

@@ -1,4 +1,4 @@
-"""Options that several commands share, and `runs`, which binds a command to its implementation."""
+"""Options that several commands share, and `implemented_by`, which binds a command to its implementation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULTS = LinkConfig()
 
 
-def runs(module: str, function: str) -> Callable[[Callable[[], None]], Callable[..., Any]]:
+def implemented_by(module: str, function: str) -> Callable[[Callable[[], None]], Callable[..., Any]]:
     """Return a decorator: the command imports phalanx.cli.MODULE and calls its `function` with the options by name.
 
     The decorated function is empty; its docstring is the command's help.
@@ -53,7 +53,7 @@ def option(*names: str, **more: Any) -> Callable[[Command], Command]:
     return click.option(*names, **{"show_default": more.get("default") not in (None, "")} | more)
 
 
-def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
+def combine_options(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
     """Combine several options into one decorator, shown in this order."""
 
     def added(command: Command) -> Command:
@@ -88,7 +88,7 @@ PROCESSES = click.IntRange(min=1)
 PORT = click.IntRange(0, 65535)
 broker_ws_option = option("--broker-ws", default="", help="Websocket URL of the broker, for browsers.")
 root_option = option("--root", default=DEFAULTS.root, help="First level of every MQTT topic.")
-link_options = together(
+link_options = combine_options(
     option(
         "--pin-digits", default=DEFAULTS.pin_digits, help="Digits of the pin; the paper's 12 can be guessed offline."
     ),
@@ -110,7 +110,7 @@ state_option = option(
     type=FOLDER,
 )
 # Options that change a scenario.
-swarm_options = together(
+swarm_options = combine_options(
     option("--robots", type=int, metavar="N", help="Number of robots, on a square grid."),
     option("--spacing", "spacing_m", type=float, metavar="M", help="Distance between neighbours, metres."),
     option("--duration", "duration_s", type=float, metavar="S", help="Simulated seconds."),
@@ -120,7 +120,7 @@ swarm_options = together(
     option("--seed", type=int, metavar="S", help="Seed of all random numbers."),
 )
 # Options of commands with many runs.
-cluster_options = together(
+cluster_options = combine_options(
     option(
         "--scheduler",
         metavar="ADDRESS",

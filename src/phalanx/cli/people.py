@@ -12,7 +12,7 @@ from phalanx.errors import Unavailable, UsageError, did_you_mean
 
 from .gateway_of import ask_gateway
 from .invite import ROLES
-from .terminal import counted, plain, print_json, print_table, talk
+from .terminal import count_of, plain, print_json, print_table, talk
 
 HEADS = ("visitor", "name", "role", "robot", "since", "connected")
 ROLE_NAMES = {role: name for name, role in ROLES.items()}
@@ -33,7 +33,7 @@ def people(state: Path | None, as_json: bool) -> None:
     else:
         talk("no visitors yet")
     if shared:
-        talk(f"{counted(len(shared), 'visitor')} more with the shared code of --qrkey, without names")
+        talk(f"{count_of(len(shared), 'visitor')} more with the shared code of --qrkey, without names")
     if not session["open"]:
         talk("new visitors wait for approval: phalanx link approve NAME, or --everybody")
 
@@ -52,7 +52,7 @@ def kick(name: str | None, everybody: bool, state: Path | None, as_json: bool) -
         print_json({"removed": removed, "code_valid_s": 0, "open": False})
         return
     if name is None:
-        click.echo(f"{counted(len(gone), 'visitor')} removed; their sessions and the screen's code are invalid now")
+        click.echo(f"{count_of(len(gone), 'visitor')} removed; their sessions and the screen's code are invalid now")
         talk("tickets stay valid")
     else:
         click.echo(f"{plain(gone[0]['name'])} removed; session, ticket and the screen's code are invalid now")

@@ -12,11 +12,11 @@ import click
 
 from phalanx.errors import PhalanxError, Unavailable
 from phalanx.lab.figures.plot import draw
-from phalanx.lab.sweep.dealing import deal_cases
+from phalanx.lab.sweep.dealing import cases_with_dask
 from phalanx.net.private_file import write_whole
 from phalanx.papers.figure import FIGURES, Figure
 from phalanx.papers.statement import Shown, compare, page, report
-from phalanx.papers.table import EachCase, measure, one_by_one, read_table, version
+from phalanx.papers.table import EachCase, measure, measure_serially, read_table, version
 from phalanx.world.signals import handled_by
 
 from .credentials import read_login
@@ -39,7 +39,7 @@ def reproduce(
     """Measure a figure, compare it and draw it. Return 1 if interrupted."""
     chosen = FIGURES[figure]
     login = {"login": read_login(options.pop("broker_login"))} if chosen.has_login else {}
-    asked = chosen.asked({name: value for name, value in options.items() if value is not None}, quick=quick)
+    asked = chosen.option_values({name: value for name, value in options.items() if value is not None}, quick=quick)
     chosen.check(asked)
     warn_if_nothing_is_drawn()
     csv = chosen.csv(out)
@@ -57,7 +57,7 @@ def reproduce(
 
 
 def _each_case(scheduler: str | None, workers: int | None) -> EachCase:
-    return deal_cases(scheduler, workers) if scheduler or workers else one_by_one
+    return cases_with_dask(scheduler, workers) if scheduler or workers else measure_serially
 
 
 def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: Path, as_json: bool) -> int:
@@ -67,7 +67,7 @@ def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: 
     path, shown, whole = out / PAGE, list[Shown](), True
     for each in FIGURES.values():
         try:
-            found = _show(each, out, one_by_one if each.alone else each_case, quick=quick)
+            found = _show(each, out, measure_serially if each.alone else each_case, quick=quick)
         except PhalanxError as error:
             found = Shown(figure=each, failure=str(error))
         except Exception as error:  # a failure of one figure must not end the others
@@ -99,7 +99,7 @@ def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: 
 
 def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Shown | None:
     """Return the result of a figure, or None if interrupted."""
-    asked = figure.asked({}, quick=quick)
+    asked = figure.option_values({}, quick=quick)
     if not _measure(figure, out, asked, each_case, f"{figure.name}: "):
         return None
     csv = figure.csv(out)

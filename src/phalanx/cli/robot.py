@@ -15,7 +15,7 @@ from phalanx.daemon.advise import advise as advise_at
 from phalanx.daemon.run import provision as give_master_key
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
-from phalanx.daemon.state import is_running, told
+from phalanx.daemon.state import is_running, read_state
 from phalanx.errors import UsageError
 from phalanx.net.mission_key import read_mission_number
 from phalanx.robot.planner import Adviser
@@ -98,7 +98,7 @@ def provision(robot: Path, keys: Path, passphrase_file: Path | None) -> None:
 
 def status(robot: Path, as_json: bool) -> int:
     """Print the state that a robot wrote last."""
-    state = told(read_robot(robot).state_file)
+    state = read_state(read_robot(robot).state_file)
     running = is_running(state)
     if as_json:
         print_json({**state, "running": running})

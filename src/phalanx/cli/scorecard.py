@@ -11,9 +11,9 @@ from phalanx.lab.scorecard.card import Line, draw_card, lines, write_csv
 from phalanx.lab.scorecard.plan import absolute, scorecard_plan
 from phalanx.papers.table import version
 
-from .sim import told
+from .sim import format_number
 from .sweep import make_runs
-from .terminal import print_json, print_table, said_aside, talk, warn_if_nothing_is_drawn
+from .terminal import print_json, print_table, stdout_to_stderr, talk, warn_if_nothing_is_drawn
 
 NAME = "scorecard.csv"
 HEADS = (
@@ -32,7 +32,7 @@ def scorecard(
     as_json: bool,
 ) -> int:
     """Make missing runs and the table of all. Return 1 if interrupted, a run failed, or `hardened` broke a promise."""
-    with said_aside():
+    with stdout_to_stderr():
         plan = scorecard_plan([*map(absolute, attacks)], [*map(absolute, controllers)], seeds)
     warn_if_nothing_is_drawn()
     store, failed, stopped = make_runs(plan, out, scheduler, workers, OUTCOME, run=run_bout)
@@ -59,12 +59,12 @@ def _show(table: Sequence[Line]) -> None:
                 line.defence,
                 line.declared,
                 str(line.runs),
-                *(told(value, ".3g") for value in (line.harm, line.harm_worst, line.harm_undefended)),
+                *(format_number(value, ".3g") for value in (line.harm, line.harm_worst, line.harm_undefended)),
                 line.harm_unit,
-                *(told(value, ".2f") for value in (line.stop_median_s, line.stop_worst_s, line.bound_s)),
+                *(format_number(value, ".2f") for value in (line.stop_median_s, line.stop_worst_s, line.bound_s)),
                 str(line.correct_stopped),
-                told(line.cost_bytes_per_s, ".0f"),
-                told(line.cost_airtime_pct, ".2f"),
+                format_number(line.cost_bytes_per_s, ".0f"),
+                format_number(line.cost_airtime_pct, ".2f"),
                 line.missed or "-",
             )
             for line in table

@@ -17,11 +17,11 @@ from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, find_planner, is_file, mistakes_in
 from phalanx.scenarios.scenario import PROTOCOLS, WHEELS, Scenario
-from phalanx.world.scenarios.cautions import cautions
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.cautions import audit_warnings
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 
-from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside, stopped
+from .terminal import Progress, count_of, end_status_line, print_json, print_rows, stdout_to_stderr, stopped
 
 # The options of scenario fields with another name.
 TYPED = {
@@ -35,7 +35,7 @@ TYPED = {
 }
 
 
-def changed(scenario: Scenario, options: dict[str, Any], **more: Any) -> Scenario:
+def apply_options(scenario: Scenario, options: dict[str, Any], **more: Any) -> Scenario:
     """Return the scenario, changed by `swarm_options`. Raises: UsageError: as for the scenario."""
     try:
         return scenario.with_options(**options, **more)
@@ -63,9 +63,9 @@ def choose(
     scenario: str, defence: Any, attacks: tuple[str, ...], controller: str | None, planner: str | None, **options: Any
 ) -> Chosen:
     """Return the scenario, controller and planner that `chosen_options` name. Raises: UsageError, Unavailable."""
-    with said_aside():
+    with stdout_to_stderr():
         chosen_attacks = find_attacks(attacks) if attacks else None
-        wanted = changed(find_scenario(scenario), options, defence=defence, attacks=chosen_attacks)
+        wanted = apply_options(find_scenario(scenario), options, defence=defence, attacks=chosen_attacks)
         found, own = find_controller(controller, wanted)
         return Chosen(found, own, find_planner(planner), (controller, planner, *attacks))
 
@@ -76,7 +76,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
     lines = sys.stderr if as_json else sys.stdout  # before stdout is redirected for the controller
     before = _written(record)
     chosen = choose(scenario, **options)
-    warn(chosen.scenario)
+    print_cautions(chosen.scenario)
     tell = progress(chosen.scenario.duration_s) if traced is None else lambda _run: None
 
     def on_start(started: Run) -> None:
@@ -84,8 +84,8 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
             started.trace(traced, lambda line: click.echo(line, file=lines))
 
     try:
-        with said_aside(), mistakes_in(*chosen.files):
-            ended = play(
+        with stdout_to_stderr(), mistakes_in(*chosen.files):
+            ended = run_scenario(
                 chosen.scenario,
                 record,
                 tell,
@@ -107,7 +107,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
         click.echo(f"recorded: {record}", err=True)
     wronged = summary["correct_in_safe_mode"]
     if wronged:
-        click.echo(f"phalanx: correct robots with a quorum were stopped: {named(wronged)}", err=True)
+        click.echo(f"phalanx: correct robots with a quorum were stopped: {format_robots(wronged)}", err=True)
         if chosen.is_own:
             click.echo(f"phalanx: hint: phalanx sim check {chosen.files[0]}", err=True)
     return int(bool(wronged))
@@ -117,7 +117,7 @@ def check(controller: str, seed: int, as_json: bool) -> int:
     """Check that auditors can replay a controller, print where its outputs differ, and return 1 if they do."""
     from phalanx.lab.determinism.check import check_controller  # noqa: PLC0415 - needed here only
 
-    with said_aside():
+    with stdout_to_stderr():
         report = check_controller(controller, seed)
     if as_json:
         print_json(report.as_json())
@@ -143,9 +143,9 @@ def _written(record: Path | None) -> int:
     return record.stat().st_mtime_ns if record and record.exists() else 0
 
 
-def warn(scenario: Scenario) -> None:
+def print_cautions(scenario: Scenario) -> None:
     """Print a warning on stderr for each setting with which the scenario is likely to fail."""
-    for words in cautions(scenario):
+    for words in audit_warnings(scenario):
         click.echo(f"phalanx: warning: {words}", err=True)
 
 
@@ -154,7 +154,7 @@ def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:
     so_far = Progress()
 
     def tell(run: Run) -> None:
-        stopped = counted(int(run.in_safe_mode.sum()), "robot")
+        stopped = count_of(int(run.in_safe_mode.sum()), "robot")
         text = f"{label}{run.now_s:.0f} of {duration_s:g} s simulated, {stopped} in Safe Mode"
         so_far.tell(text, run.now_s / duration_s)
 
@@ -167,7 +167,7 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
     Robots that follow orders have no goal, and no sizes from which contacts could be counted.
     """
     is_driven = scenario.controller == WHEELS
-    to_goal = told(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots")
+    to_goal = format_number(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots")
     rows = {
         "scenario": f"{scenario.name}: {summary['robots']} robots, {summary['duration_s']:g} s, "
         f"defence {summary['defence']}, seed {summary['seed']}",
@@ -177,8 +177,8 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
             for name, done in summary.get("task", {}).items()
         },
         "compromised": "; ".join(map(_liar, summary["compromised"])) or "none",
-        "stopped with a quorum": named(summary["correct_in_safe_mode"]),
-        "stopped, no quorum": named(summary["without_quorum"]),
+        "stopped with a quorum": format_robots(summary["correct_in_safe_mode"]),
+        "stopped, no quorum": format_robots(summary["without_quorum"]),
         **({} if is_driven else {"contacts": str(summary["contacts"])}),
         "sent": "{app:.0f} B/s per robot by the flock, {audit:.0f} by the audits, retries included".format(
             **summary["tried_bytes_per_s_per_robot"]
@@ -187,15 +187,15 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
             **summary["airtime_pct_per_robot"]
         ),
         "longest log": f"{summary['log_bytes_max']} B",
-        "delivered": f"{told(summary['broadcast_delivery'], '.4f')} of broadcasts, "
-        f"{told(summary['unicast_delivery'], '.4f')} of unicasts",
+        "delivered": f"{format_number(summary['broadcast_delivery'], '.4f')} of broadcasts, "
+        f"{format_number(summary['unicast_delivery'], '.4f')} of unicasts",
         "speed": _speed(summary["real_time_factor"]),
         "digest": summary["digest"] or "-",
     }
     print_rows(rows)
 
 
-def told(value: float | None, form: str, unit: str = "") -> str:
+def format_number(value: float | None, form: str, unit: str = "") -> str:
     """Format a number, or return a dash for None."""
     return "-" if value is None else f"{value:{form}}{unit}"
 
@@ -212,7 +212,7 @@ def _liar(liar: dict[str, Any]) -> str:
     return f"robot {liar['robot']} ({liar['attack']}) {deviated}, {ended}"
 
 
-def named(ids: Sequence[int]) -> str:
+def format_robots(ids: Sequence[int]) -> str:
     """Return robots by their ids, such as "robots 3, 5": a bare 3 could be taken for a count."""
     which = ", ".join(map(str, ids))
     return f"robot{'s' * (len(ids) > 1)} {which}" if which else "none"

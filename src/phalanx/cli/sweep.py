@@ -11,8 +11,8 @@ from phalanx.lab.sweep.plan import Plan, read_sweep
 from phalanx.lab.sweep.store import OUTCOME, Store, points
 from phalanx.papers.table import version
 
-from .sim import told
-from .terminal import Progress, end_status_line, print_json, print_table, said_aside, talk
+from .sim import format_number
+from .terminal import Progress, end_status_line, print_json, print_table, stdout_to_stderr, talk
 
 MOST_FAILURES = 10  # printed one by one
 
@@ -48,7 +48,7 @@ def make_runs(
 
     with Store(out, plan, version(), columns) as store:
         try:
-            with said_aside():
+            with stdout_to_stderr():
                 failed = run_sweep(plan, store, scheduler, workers, show_progress, run=run)
         except KeyboardInterrupt:
             stopped = True
@@ -72,11 +72,11 @@ def _show(rows: list[dict[str, Any]], varied: list[str]) -> None:
             str(row["runs"]),
             f"{row['liars_stopped']} of {row['liars']}",
             str(row["liars_never_stopped"]),
-            told(row["slowest_stop_s"], ".2f"),
+            format_number(row["slowest_stop_s"], ".2f"),
             str(row["correct_in_safe_mode"]),
             str(row["without_quorum"]),
             str(row["contacts"]),
-            *[told(row["score"], ".1f")] * scored,
+            *[format_number(row["score"], ".1f")] * scored,
         ]
         for row in rows
     ]

@@ -39,7 +39,7 @@ def status_line(text: str, *more: str) -> None:
 
 
 @contextlib.contextmanager
-def said_aside() -> Iterator[None]:
+def stdout_to_stderr() -> Iterator[None]:
     """Send what users' own files print to stderr while they run, as stdout is data."""
     with contextlib.redirect_stdout(sys.stderr):
         yield
@@ -83,7 +83,7 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         click.echo("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
-def counted(count: int, what: str) -> str:
+def count_of(count: int, what: str) -> str:
     """Return `1 robot`, `2 robots`."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
@@ -190,7 +190,7 @@ def write_line(line: str) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def heed_stop_words(hold: Callable[[bool], None], others: Mapping[str, Callable[[], object]] | None = None) -> None:
+def read_stop_commands(hold: Callable[[bool], None], others: Mapping[str, Callable[[], object]] | None = None) -> None:
     """Read commands from stdin: Enter or `stop` holds all robots, `go` releases them, and `others` by word."""
     # A background job that reads gets an error instead of being stopped by SIGTTIN.
     signal.signal(signal.SIGTTIN, signal.SIG_IGN)

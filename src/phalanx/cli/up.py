@@ -22,13 +22,13 @@ from phalanx.gateway import pages_are_built
 from phalanx.gateway.demo import Plan, mission_swarm, plan_swarm, simulated_swarm
 from phalanx.gateway.projector import Wifi
 from phalanx.gateway.running import Running
-from phalanx.gateway.session_link import Say
+from phalanx.gateway.session_link import EventSink
 from phalanx.gateway.tour import tour as run_tour
 from phalanx.gateway.up import UpOptions
 from phalanx.gateway.up import up as run_gateway
 from phalanx.mission import BuildOptions, build
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.net.keyring import opened
+from phalanx.net.keyring import open_keyring
 from phalanx.robot import Swarm
 from phalanx.world.building.floorplan import DEFAULT, load_floorplan
 from phalanx.world.missions.orders import Orders, orders_of, orders_of_files
@@ -41,7 +41,7 @@ from .gateway_of import default_state
 from .mission.files import Wanted
 from .options import link_config
 from .run import needs_ros2, run
-from .terminal import EventLines, end_status_line, heed_stop_words, plain, status_line, talk
+from .terminal import EventLines, end_status_line, plain, read_stop_commands, status_line, talk
 
 log = logging.getLogger(__name__)
 
@@ -181,7 +181,7 @@ def keys_for_next_mission(file: Path, passphrase_file: Path | None, plan: Plan) 
     robots = plan.robots
     if plan.defence == "none":
         raise UsageError("--keys without audits", "leave it out: robots need keys only to audit each other")
-    with opened(file, passphrase_of(file, passphrase_file)) as keys:
+    with open_keyring(file, passphrase_of(file, passphrase_file)) as keys:
         masters = {robot: keys.master(robot) for robot in range(1, robots + 1)}
         number, sealed = keys.issue()
         for robot in sorted(masters.keys() - sealed.keys()):
@@ -275,7 +275,7 @@ def _on_mission(wanted: Wanted, seed: int) -> Iterator[Swarm]:
         yield swarm
 
 
-def _run_for(options: UpOptions, events: bool, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
+def _run_for(options: UpOptions, events: bool, make: Callable[[EventSink, Started], Coroutine[Any, Any, None]]) -> None:
     """Run a gateway that prints events for programs, or a display for people."""
     if not events:
         _run_for_people(options, make)
@@ -302,10 +302,10 @@ def _start(newest: list[Running], running: Running, *, reads_stdin: bool, shows_
     if is_first and reads_stdin:
         loop = asyncio.get_running_loop()
         tablet = partial(loop.call_soon_threadsafe, lambda: _show_tablet_code(newest[0]))
-        heed_stop_words(hold, {"tablet": tablet} if shows_tablet else {})
+        read_stop_commands(hold, {"tablet": tablet} if shows_tablet else {})
 
 
-def _run_for_people(options: UpOptions, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
+def _run_for_people(options: UpOptions, make: Callable[[EventSink, Started], Coroutine[Any, Any, None]]) -> None:
     status: asyncio.Task[None] | None = None
     newest: list[Running] = []
     # Input that is not from a terminal is not meant for us.

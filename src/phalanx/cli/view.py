@@ -15,16 +15,16 @@ from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.serve_view import ViewPages
 from phalanx.net.ports import LOOPBACK
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.recording.recorded import is_recording
 from phalanx.scenarios.own import mistakes_in
-from phalanx.world.scenarios.play import STEP_S, play
+from phalanx.world.scenarios.play import STEP_S, run_scenario
 from phalanx.world.scenarios.run import Run
-from phalanx.world.scenarios.scenes import MOST_TOLD, Live, lines_of
+from phalanx.world.scenarios.scenes import MOST_VALUES, Live, lines_of
 
 from .run import run
-from .sim import Chosen, choose, progress, warn
-from .terminal import end_status_line, said_aside, talk
+from .sim import Chosen, choose, print_cautions, progress
+from .terminal import end_status_line, stdout_to_stderr, talk
 
 Put = Callable[[dict[str, Any] | None], None]
 
@@ -35,10 +35,10 @@ def view(source: str, port: int, **options: Any) -> int:
         raise UsageError("the page is not built", "run make setup")
     if not is_recording(Path(source)):
         chosen = choose(source, **options)
-        warn(chosen.scenario)
+        print_cautions(chosen.scenario)
         each = 2 + chosen.scenario.bti.tokens_needed
         seen = each * chosen.scenario.robots * chosen.scenario.duration_s / STEP_S
-        if seen > MOST_TOLD:
+        if seen > MOST_VALUES:
             count = chosen.scenario.robots
             raise UsageError(f"{count} robots for so long exceed the page's memory", "use a shorter --duration")
         run(_served(port, lambda put, check: _live(chosen, put, check)))
@@ -59,8 +59,8 @@ def _live(chosen: Chosen, put: Put, check: Callable[[], None]) -> None:
         live.write(run, run.new_verdicts())
         show_progress(run)
 
-    with said_aside(), mistakes_in(*chosen.files):
-        play(chosen.scenario, None, on_step, chosen.controller, planner=chosen.planner)
+    with stdout_to_stderr(), mistakes_in(*chosen.files):
+        run_scenario(chosen.scenario, None, on_step, chosen.controller, planner=chosen.planner)
     live.end()
     put(None)
     end_status_line()
@@ -84,7 +84,7 @@ async def _served(port: int, fill: Callable[[Put, Callable[[], None]], object]) 
         except BaseException as error:  # noqa: BLE001 - also errors of a user's file: raised in the main thread
             loop.call_soon_threadsafe(filled.set_exception, error)
 
-    async with beside(ViewPages(port)) as pages:
+    async with serve_in_thread(ViewPages(port)) as pages:
         click.echo(f"http://{LOOPBACK}:{pages.port}/")
         talk("open this address in a browser on this machine; Ctrl-C ends it")
         threading.Thread(target=work, args=(pages.put,), name="run", daemon=True).start()

@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.net.udp_radio import OF_ADDRESS, OF_PORT, parsed
+from phalanx.net.udp_radio import OF_ADDRESS, OF_PORT, parse_address
 from phalanx.robot.planner import MOST_BYTES, Adviser
 
 from .far_planner import HINT
@@ -137,7 +137,7 @@ def _is_dead(path: Path) -> bool:
 
 
 def _at_address(at: str) -> socket.socket:
-    host, port = parsed(at)
+    host, port = parse_address(at)
     made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.bind((host, port))

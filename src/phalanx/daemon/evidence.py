@@ -20,8 +20,8 @@ from phalanx.recording.recorder import NS, Recorder
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.python_controller import Controller
-from phalanx.robot.retrace import Entry, Finding, entries_of, first_lie
-from phalanx.scenarios.behaviour import on_stage, params_of
+from phalanx.robot.retrace import Entry, Finding, entries_of, first_dishonest_entry
+from phalanx.scenarios.behaviour import params_of, with_protocol
 from phalanx.scenarios.file import parse_scenario, written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, PROOF
@@ -55,7 +55,7 @@ ENTRY_SCHEMA = {
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class RobotLog:
     """One robot's kept log of a mission, from the mission key on."""
 
     robot: int
@@ -69,21 +69,21 @@ class Kept:
         """Return the log without the trusted nodes' proofs."""
         return b"".join(self.raw[each.at : each.end] for each in self.entries())
 
-    def first_lie(self, controller: Callable[[int], Controller] | None = None) -> Finding | None:
+    def first_dishonest_entry(self, controller: Callable[[int], Controller] | None = None) -> Finding | None:
         """Return the first entry that an honest robot would not have logged, or None.
 
         `controller` creates the user's own controller, if the robot ran one. Source: RoboRebound §3.7.
         """
-        scenario, made, _ = on_stage(self.scenario, controller)
+        scenario, made, _ = with_protocol(self.scenario, controller)
         if not made:
             made = compiled(dispatch.NUMBERS[scenario.controller], params_of(scenario, self.mission))
-        return first_lie(self.plain(), self.robot, self.t_key_ms, scenario.bti, made, scenario.seed)
+        return first_dishonest_entry(self.plain(), self.robot, self.t_key_ms, scenario.bti, made, scenario.seed)
 
     @property
     def head(self) -> dict[str, Any]:
         """Return the first line of the log."""
         head: dict[str, Any] = {"robot": self.robot, "mission": self.mission, "t_key_ms": self.t_key_ms}
-        head |= {"signed": self.signed.told} if self.signed else {}
+        head |= {"signed": self.signed.as_json} if self.signed else {}
         return head | {"scenario": written_scenario(self.scenario)}
 
     @property
@@ -96,7 +96,7 @@ class Kept:
         return [each for each in entries_of(self.raw) if each.kind != PROOF.tag]
 
 
-def read_kept(path: Path) -> Kept:
+def read_robot_log(path: Path) -> RobotLog:
     """Return the log in a daemon's file or a recording; recordings that were cut short are refused.
 
     Raises: UsageError: it is neither, damaged or cut short; Unavailable: it cannot be read.
@@ -107,7 +107,7 @@ def read_kept(path: Path) -> Kept:
         head, raw = _of_recording(path) if is_recording(path) else (json.loads(line), raw)
         scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))
         signed = SignedMission.of(head.get("signed"))
-        kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw, signed)
+        kept = RobotLog(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw, signed)
     except PhalanxError:
         raise
     except Exception as error:  # parsers raise various exceptions
@@ -136,7 +136,7 @@ def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
 class LogRecording(Recorder):
     """Writes a kept log to a recording."""
 
-    def __init__(self, path: Path, kept: Kept) -> None:
+    def __init__(self, path: Path, kept: RobotLog) -> None:
         super().__init__(path)
         self._kept = kept
 
@@ -160,5 +160,5 @@ class LogRecording(Recorder):
 
 def record_log(log_file: Path, out: Path) -> int:
     """Convert a daemon's log to a recording, and return the number of entries. Raises: UsageError, Unavailable."""
-    with LogRecording(out, read_kept(log_file)) as recording:
+    with LogRecording(out, read_robot_log(log_file)) as recording:
         return recording.write()

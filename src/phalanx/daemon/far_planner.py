@@ -15,7 +15,7 @@ from pathlib import Path
 from phalanx.bti import trusted
 from phalanx.errors import UsageError
 from phalanx.net.serial_line import check_owner
-from phalanx.net.udp_radio import parsed
+from phalanx.net.udp_radio import parse_address
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import guarded
 from phalanx.wire.fields import row
@@ -37,7 +37,7 @@ class FarPlanner:
     def __init__(self, where: str, folder: Path, scenario: Scenario, rob_id: int, mission: int) -> None:
         kind, _, self._at = where.partition(":")
         self._path = folder / self._at if kind == "unix" else None
-        self._address = None if self._path else parsed(self._at)
+        self._address = None if self._path else parse_address(self._at)
         self._id, self._mission = rob_id, mission
         self._key = row(bytes.fromhex(scenario.guard.adviser_key)) if scenario.guard.adviser_key else None
         self._advised_ms = -1  # time of the newest signed advice

@@ -13,7 +13,7 @@ import resource
 import time
 from typing import Any, NamedTuple
 
-from phalanx.bti.fleet import Fleet, vouchers
+from phalanx.bti.fleet import Fleet, held_tokens
 from phalanx.bti.rounds import HEARD_ROUNDS_X2
 
 # Of this thread: time on a processor, time runnable but not running, ns. Source: Linux, sched-stats.txt.
@@ -95,7 +95,7 @@ def why_stopped(fleet: Fleet, now_ms: int, late_ms: float) -> str:
     peers = fleet.peer[0, : int(robot.peers)]
     heard = peers["heard"] >= now_ms - window_ms
     asked = heard & (peers["asked_ms"] >= now_ms - int(s.t_val))
-    what = f"{len(vouchers(fleet, 0, now_ms))} of {needed} needed robots vouch for it"
+    what = f"{len(held_tokens(fleet, 0, now_ms))} of {needed} needed robots vouch for it"
     within = f"in the last {window_ms / 1000:g} s"
     if robot.log_full:
         return f"{what}; its log was full"

@@ -31,7 +31,7 @@ from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, forwa
 from phalanx.robot.robot import Robot
 from phalanx.robot.runtime import Done, Runtime
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.scenarios.behaviour import MakeController, adviser, driving, number_of, params_of, plan_of
+from phalanx.scenarios.behaviour import MakeController, declaration_of, number_of, params_of, plan_of, planner_factory
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.fields import row
 
@@ -39,7 +39,7 @@ from .driver import Hardware, NoReading, no_reading
 from .far_planner import FarPlanner, check_adviser
 from .kept_log import KeptLog
 from .lateness import Lateness, why_stopped
-from .trusted import OwnClock
+from .trusted import NodeClock
 
 log = logging.getLogger(__name__)
 _Audit = TypeVar("_Audit", bound=Hashable)
@@ -81,7 +81,7 @@ class Life:
         self,
         scenario: Scenario,
         rob_id: int,
-        clock: OwnClock,
+        clock: NodeClock,
         hardware: Hardware,
         radio: Radio,
         planner: MakePlanner | FarPlanner | None = None,
@@ -93,9 +93,9 @@ class Life:
         if rob_id > scenario.robots:
             raise UsageError(f"robot {rob_id} is not in the mission", f"use a robot from 1 to {scenario.robots}")
         self.scenario, self.id, self.mission = scenario, rob_id, mission
-        self._reads = driving(scenario).reads
+        self._reads = declaration_of(scenario).reads
         self.clock, self._hardware, self.radio = clock, hardware, radio
-        self._rows = elsewhere.place([clock])
+        self._rows = elsewhere.register_remote([clock])
         self.fleet = make_fleet(
             1,
             scenario.bti,
@@ -110,7 +110,7 @@ class Life:
         self._work = make_work(scenario.bti)
         self._controller = controller
         self.far = planner if isinstance(planner, FarPlanner) else None
-        make = adviser(scenario, controller, ToGoal if isinstance(planner, FarPlanner) else planner)
+        make = planner_factory(scenario, controller, ToGoal if isinstance(planner, FarPlanner) else planner)
         if make:
             check_adviser(scenario, is_far=self.far is not None)
         self._planner: Planner | None = make(rob_id, scenario.goal_m) if make and not self.far else None
@@ -301,4 +301,4 @@ class Life:
         if self.far:
             self.far.close()
         self._hardware.close()
-        elsewhere.forget(self._rows)
+        elsewhere.unregister_remote(self._rows)

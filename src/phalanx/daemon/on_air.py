@@ -20,7 +20,7 @@ AT_ID = STATE.at("id")
 
 
 @dataclass(frozen=True, slots=True)
-class OnAir:
+class RadioAttack:
     """An attack by one robot's radio, and its start, seconds after the radio's first use."""
 
     name: str
@@ -31,7 +31,7 @@ class OnAir:
 class HostileRadio:
     """A radio that also attacks; its times are of a clock that runs at `speed` of real time."""
 
-    def __init__(self, radio: Radio, attack: OnAir, speed: float = 1.0) -> None:
+    def __init__(self, radio: Radio, attack: RadioAttack, speed: float = 1.0) -> None:
         self._radio, self._attack, self._speed = radio, attack, speed
         self._began_s = 0.0
 
@@ -91,12 +91,12 @@ def forgeries(packet: bytes) -> list[bytes]:
 ATTACKS = ("past", "replay", "hold", "foreign-key")
 
 
-def parse_on_air(words: str, robots: int) -> OnAir:
+def parse_on_air(words: str, robots: int) -> RadioAttack:
     """Parse an attack. Raises: UsageError: no such attack, option or robot."""
     name, _, rest = words.partition(":")
     options = dict(each.partition("=")[::2] for each in filter(None, rest.split(",")))
     try:
-        attack = OnAir(name, int(options.pop("robot", "1")), float(options.pop("at", "5")))
+        attack = RadioAttack(name, int(options.pop("robot", "1")), float(options.pop("at", "5")))
     except ValueError as error:
         raise UsageError(f"--on-air {words}: {error}", HINT) from error
     if name not in ATTACKS or options:

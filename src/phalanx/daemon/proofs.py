@@ -20,7 +20,7 @@ import numpy as np
 from phalanx.bti import log, trusted
 from phalanx.bti.nodes import MissionKey
 from phalanx.errors import UsageError
-from phalanx.net.keyring import opened
+from phalanx.net.keyring import open_keyring
 from phalanx.net.mission_key import read_mission_key
 from phalanx.robot.retrace import entries_of
 from phalanx.wire import guarded
@@ -40,7 +40,7 @@ from phalanx.wire.table import (
     TREQ,
 )
 
-from .evidence import Kept
+from .evidence import RobotLog
 
 # Signers of messages that a robot received, checked with the public keys in the mission's file.
 NOBODY, UNKNOWN = "nobody whom the mission names", "somebody: too many to look at"
@@ -50,7 +50,7 @@ HEAD = [field.name for field in REQUEST.all_fields if field.type != "rest"]
 
 
 @dataclass(frozen=True, slots=True)
-class Proven:
+class ProofResult:
     """Result of the check: number of proven entries from the beginning, and the first false proof, if any.
 
     `t_ms` is the time of the last valid proof, by the a-node's clock; 0 without one.
@@ -66,12 +66,12 @@ class Proven:
         return self.entries > 0 and self.false_at is None
 
 
-def mission_key_of(kept: Kept, keys_file: Path, passphrase: str, issued: Path) -> bytes:
+def mission_key_of(kept: RobotLog, keys_file: Path, passphrase: str, issued: Path) -> bytes:
     """Return the secret key of the log's mission, 20 bytes. Raises: UsageError: a wrong file; Unavailable."""
     sealed = read_mission_key(issued, kept.robot)
     if sealed.seq != kept.mission:
         raise UsageError(f"{issued} is of mission {sealed.seq}", f"use the file of mission {kept.mission}")
-    with opened(keys_file, passphrase) as keys:
+    with open_keyring(keys_file, passphrase) as keys:
         master = keys.master(kept.robot)
     return unsealed(master, sealed)
 
@@ -92,7 +92,7 @@ def mac_of(key: bytes, message: bytes) -> bytes:
     return mac.tobytes()
 
 
-def proven(kept: Kept, mission_key: bytes) -> Proven:
+def check_proofs(kept: RobotLog, mission_key: bytes) -> ProofResult:
     """Return how much of a log its nodes' MACs prove. Source: RoboRebound Alg. 2, 4; docs/spec/rebound-nodes.md."""
     tops = [bytes(HASH_BYTES)] * 2
     held: tuple[list[bytes], list[bytes]] = ([], [])
@@ -110,7 +110,7 @@ def proven(kept: Kept, mission_key: bytes) -> Proven:
             message = PROOF.decode(raw)
             head = dict(zip(HEAD, REQUEST.form.unpack(message["head"]), strict=True))
             if held[0] or held[1] or not _is_true(mission_key, kept.robot, tops, message["auditor"], head):
-                return Proven(entries, t_ms, count)
+                return ProofResult(entries, t_ms, count)
             entries, t_ms = count, int(head["t"])
             continue
         count += 1
@@ -121,7 +121,7 @@ def proven(kept: Kept, mission_key: bytes) -> Proven:
             held[chain].append(raw)
             if len(held[chain]) == batch:
                 flush(chain)
-    return Proven(entries, t_ms, None)
+    return ProofResult(entries, t_ms, None)
 
 
 def _is_true(key: bytes, robot: int, tops: list[bytes], auditor: int, head: dict[str, Any]) -> bool:
@@ -142,7 +142,7 @@ class Signed:
     last_s: float
 
 
-def signed_in(kept: Kept) -> list[Signed]:
+def count_signed_messages(kept: RobotLog) -> list[Signed]:
     """Group the signed messages in a log by signer, in order of first receipt; NOBODY for forged ones."""
     found: dict[str, Signed] = {}
     seen: set[bytes] = set()
@@ -160,7 +160,7 @@ def signed_in(kept: Kept) -> list[Signed]:
     return list(found.values())
 
 
-def _signed_messages(kept: Kept) -> Iterator[tuple[int, bytes, dict[str, str]]]:
+def _signed_messages(kept: RobotLog) -> Iterator[tuple[int, bytes, dict[str, str]]]:
     """Yield the time and bytes of each signed message, and the public keys of its possible signers."""
     scenario, now_ms = kept.scenario, kept.t_key_ms
     signers = {GATEWAY: ("gateway", scenario.gateway_key), OPERATOR: ("operator", scenario.operator_key)}

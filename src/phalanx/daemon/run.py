@@ -13,12 +13,12 @@ from pathlib import Path
 from phalanx.bti.nodes import Refused, limits_of
 from phalanx.config.builtin import built_in
 from phalanx.errors import PhalanxError, Unavailable, UsageError
-from phalanx.net.keyring import opened
+from phalanx.net.keyring import open_keyring
 from phalanx.net.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.scenarios.behaviour import MakeController, driving, on_stage, with_room
+from phalanx.scenarios.behaviour import MakeController, declaration_of, with_protocol, with_room
 from phalanx.scenarios.file import find_scenario, written_scenario
 from phalanx.scenarios.own import find_controller, find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
@@ -27,12 +27,12 @@ from .driver import AdvisedHardware, make_driver
 from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
 from .life import Life
-from .on_air import HostileRadio, OnAir
+from .on_air import HostileRadio, RadioAttack
 from .sealed_air import SealedAir, may_send, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
-from .state import EVERY_S, state_of, tell
-from .trusted import OwnClock, check_may_have_key, connect_nodes, provision_keys, start
+from .state import EVERY_S, state_of, write_state
+from .trusted import NodeClock, check_may_have_key, connect_nodes, provision_keys, start
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, M
     if settings.said.controller:
         words = str(settings.path(settings.said.controller))
         _, made = find_controller(words, scenario, in_python=True)
-    scenario, made, _ = on_stage(scenario, made)
+    scenario, made, _ = with_protocol(scenario, made)
     return with_room(scenario, made), made
 
 
@@ -76,7 +76,7 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
     try:
         if node.about.robot_id:
             raise UsageError(f"its trusted nodes already belong to robot {node.about.robot_id}", "use a new board")
-        with opened(keys_file, passphrase) as keys:
+        with open_keyring(keys_file, passphrase) as keys:
             master = keys.provision(robot, today)
         node.make(limits_of(scenario.bti, scenario.radio), sealed=settings.said.radio.sealed)
         node.load_master(master, robot)
@@ -90,7 +90,7 @@ async def run_robot(
     settings: RobotSettings,
     *,
     in_arena: bool = False,
-    on_air: OnAir | None = None,
+    on_air: RadioAttack | None = None,
     attacks: tuple[AttackSpec, ...] = (),
     make_base: Callable[[int, Scenario, Declaration], AdvisedHardware] | None = None,
 ) -> None:
@@ -121,7 +121,7 @@ async def run_robot(
             log.warning("robot %d simulates an attack by its radio: %s", said.robot, on_air.name)
             radio = HostileRadio(radio, on_air, said.clock_speed)
         air = SealedAir(node, radio) if said.radio.sealed else None
-        declared = driving(scenario)
+        declared = declaration_of(scenario)
         base = make_base(said.robot, scenario, declared) if make_base else None
         hardware = base or make_driver(settings, declared)
         stack.callback(hardware.close)
@@ -130,7 +130,7 @@ async def run_robot(
             planner = FarPlanner(said.planner, settings.base, scenario, said.robot, sealed.seq)
         elif said.planner:
             planner = find_planner(str(settings.path(said.planner)))
-        clock, ears = OwnClock(air or node, said.clock_speed), air or radio
+        clock, ears = NodeClock(air or node, said.clock_speed), air or radio
         with_attacks = replace(scenario, attacks=attacks) if attacks else scenario
         life = Life(with_attacks, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
         stack.callback(life.close)
@@ -150,7 +150,7 @@ async def run_robot(
             "mission": sealed.seq,
             "t_key_ms": life.began_ms,
             "scenario": written_scenario(scenario),
-            **({"signed": signed.told} if signed else {}),
+            **({"signed": signed.as_json} if signed else {}),
         }
         kept.begin(head)
         own_files = () if in_arena else settings.own_files  # the arena reports errors in its own files
@@ -174,7 +174,7 @@ async def _live(
         life_task.cancel()
         await asyncio.gather(life_task, return_exceptions=True)
         with contextlib.suppress(Exception):
-            tell(state_file, state_of(life))
+            write_state(state_file, state_of(life))
 
 
 async def _publish_state(
@@ -186,7 +186,7 @@ async def _publish_state(
         if base:
             base.tell(state)
         try:
-            await asyncio.to_thread(tell, state_file, state)  # in a thread: a slow disk must not delay readings
+            await asyncio.to_thread(write_state, state_file, state)  # in a thread: a slow disk must not delay readings
             last_error = ""
         except Unavailable as error:  # continue with a full disk
             if str(error) != last_error:

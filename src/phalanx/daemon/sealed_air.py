@@ -9,11 +9,11 @@ from collections import Counter, deque
 from dataclasses import replace
 from typing import Any
 
-from phalanx.bti.elsewhere import Elsewhere
+from phalanx.bti.elsewhere import RemoteNodes
 from phalanx.bti.nodes import limits_of
 from phalanx.bti.trusted import REASONS
 from phalanx.errors import UsageError
-from phalanx.net.udp_radio import Allowance, Radio
+from phalanx.net.udp_radio import PeerLimits, Radio
 from phalanx.scenarios.scenario import WHEELS, Scenario
 from phalanx.wire import Record, lines
 from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL
@@ -35,7 +35,7 @@ def with_room_for_seals(scenario: Scenario) -> Scenario:
 class SealedAir:
     """The radio and the nodes of a c-node, which itself handles packets without seals."""
 
-    def __init__(self, node: Elsewhere, radio: Radio) -> None:
+    def __init__(self, node: RemoteNodes, radio: Radio) -> None:
         self._node, self._radio = node, radio
         self._sent_seals: deque[tuple[bytes, bytes]] = deque(maxlen=WAITING)  # packet, seal
         self._received = b"", b""  # the packet received last, and its seal
@@ -47,7 +47,7 @@ class SealedAir:
         return {**self._radio.refused, **self._refused}
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """See `Elsewhere`: packets go in and out without seals."""
+        """See `RemoteNodes`: packets go in and out without seals."""
         if call is lines.RECV:
             packet, (received, seal) = arguments["packet"], self._received
             code, result = self._node.ask(call, now_ms, packet=packet + seal if packet == received else packet)
@@ -89,7 +89,7 @@ def _seal(waiting: deque[tuple[bytes, bytes]], packet: bytes) -> bytes:
     return b""
 
 
-def may_send(scenario: Scenario, peers: int, *, sealed: bool = False) -> Allowance:
+def may_send(scenario: Scenario, peers: int, *, sealed: bool = False) -> PeerLimits:
     """Return the allowance of each of `peers` addresses; in an arena all other robots share one address.
 
     Only the number of packets is limited if they are `sealed`, as an a-node refuses forgeries before they are logged,
@@ -101,8 +101,8 @@ def may_send(scenario: Scenario, peers: int, *, sealed: bool = False) -> Allowan
     packets_per_s = 2 * (limits.send_us_per_s + limits.audit_us_per_s) / limits.airtime_fixed_us
     packets_per_s = behind * max(LEAST_PER_S, packets_per_s)
     if sealed or scenario.controller == WHEELS:
-        return Allowance(packets_per_s)
-    return Allowance(
+        return PeerLimits(packets_per_s)
+    return PeerLimits(
         packets_per_s,
         behind * limits.send_us_per_s,
         behind * limits.send_capacity_us,

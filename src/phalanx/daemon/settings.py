@@ -10,7 +10,7 @@ from phalanx.config.parameter import check_limits, description, within
 from phalanx.config.reader import Reader, schema_of
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.net.udp_radio import parsed
+from phalanx.net.udp_radio import parse_address
 
 MOST_BYTES = 1 << 16
 HINT = "see the example: phalanx docs guides/robot"
@@ -78,7 +78,7 @@ class RobotFile:
                 raise UsageError(f"{name} is {value!r}", did_you_mean(kind, kinds) + allowed)
         kind, _, where = self.planner.partition(":")
         if kind == "udp":
-            parsed(where)
+            parse_address(where)
         elif self.planner and not kind.endswith(".py") and (kind != "unix" or not where):
             raise UsageError(f"planner is {self.planner!r}", did_you_mean(kind, ("unix", "udp")) + PLANNER)
 

@@ -44,7 +44,7 @@ class SignedMission:
         return cls(int(entry["number"]), **texts)
 
     @property
-    def told(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """Return the fields, as `of` reads them."""
         return asdict(self)
 

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from phalanx.bti.fleet import vouchers
+from phalanx.bti.fleet import held_tokens
 from phalanx.config.written import read_at_most
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.net.private_file import write_whole
@@ -43,7 +43,7 @@ def state_of(life: Life) -> dict[str, Any]:
         "no_reading": life.no_reading and {"for_s": (now_ms - life.no_reading[0]) / 1000, "why": life.no_reading[1]},
         "tokens": [
             {"auditor": auditor, "age_s": t_val_s - left_s, "left_s": left_s}
-            for auditor, left_s in sorted(vouchers(life.fleet, 0, now_ms))
+            for auditor, left_s in sorted(held_tokens(life.fleet, 0, now_ms))
         ],
         "tokens_needed": life.scenario.bti.tokens_needed,
         "tokens_got": int(robot.tokens_got),
@@ -71,12 +71,12 @@ def _ended(audits: tuple[int, int], now_ms: int) -> dict[str, Any]:
     return {"times": audits[0], "last_s_ago": (now_ms - audits[1]) / 1000}
 
 
-def tell(path: Path, state: dict[str, Any]) -> None:
+def write_state(path: Path, state: dict[str, Any]) -> None:
     """Write the state to the file. Raises: Unavailable: it cannot be written."""
     write_whole(path, json.dumps(state).encode() + b"\n", "use another folder", private=True)
 
 
-def told(path: Path) -> dict[str, Any]:
+def read_state(path: Path) -> dict[str, Any]:
     """Read the state that a robot published last. Raises: UsageError: there is none."""
     try:
         if not path.is_file():  # reading a pipe would block

@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.errors import PeerError, Unavailable, Unknown
 from phalanx.net.private_file import write_private
-from phalanx.net.udp_radio import Address, UdpRadio, parsed
+from phalanx.net.udp_radio import Address, UdpRadio, parse_address
 from phalanx.robot import Led, Point, Robot
 from phalanx.robot.roster import HISTORY_STEP_MM, member
 from phalanx.robot.station import Ordered, Station
@@ -72,7 +72,7 @@ class RobotSwarm(Ordered):
         station = Station(settings.signer(gateway, GATEWAY), settings.signer(operator, OPERATOR))
         super().__init__((member(rob_id - 1) for rob_id in ids), ids, station)
         self._settings, self._clock = settings, clock
-        self._at: dict[int, Address] = {each.robot: parsed(each.at) for each in said}
+        self._at: dict[int, Address] = {each.robot: parse_address(each.at) for each in said}
         self._peers = list(dict.fromkeys(each.at for each in said))  # in an arena all have one
         self._places: dict[int, tuple[Point, int]] = {}
         self._heard_at_s: dict[int, float] = {}
@@ -141,7 +141,7 @@ class RobotSwarm(Ordered):
         until_s, times, under_way, trouble = float("inf"), LAST_TIMES, list[str](), ""
         while (now_s := time.monotonic()) < until_s and (times or self._station.has_pending_order):
             try:
-                next_s = self._station.speak(self, now_s, self._order_time_ms)
+                next_s = self._station.send_due(self, now_s, self._order_time_ms)
                 self._listen(min(max(0.0, next_s - now_s), TURN_S))
             except Unavailable as error:  # its nodes are gone, and robots accept only sealed packets
                 if str(error) != trouble:
@@ -171,7 +171,7 @@ class RobotSwarm(Ordered):
         """See `phalanx.robot.station.Air`."""
         return False
 
-    def is_deaf(self, robot: int) -> bool:
+    def is_permanently_stopped(self, robot: int) -> bool:
         """See `phalanx.robot.station.Air`: a robot's claims are no proof."""
         return robot not in self._at
 
@@ -221,7 +221,7 @@ class RobotSwarm(Ordered):
         self._first_at_s.setdefault(robot, time.monotonic())
         each = self._members[i]
         each.led = Led(state["red"], state["green"], state["blue"])
-        each.went(x_mm, y_mm, HISTORY_STEP_MM)
+        each.append_position(x_mm, y_mm, HISTORY_STEP_MM)
         if each.route:
             last = each.route[-1]
             if (last.x_mm - x_mm) ** 2 + (last.y_mm - y_mm) ** 2 <= each.threshold_mm**2:
@@ -261,7 +261,7 @@ class RobotSwarm(Ordered):
     def robots(self) -> Sequence[Robot]:
         """Return every robot heard so far, at its claimed place. Robots do not report batteries."""
         return [
-            each.seen(*self._places[robot], 0.0, self._heard_at_s[robot])
+            each.snapshot(*self._places[robot], 0.0, self._heard_at_s[robot])
             for robot, each in zip(self._ids, self._members, strict=True)
             if robot in self._heard_at_s
         ]

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from phalanx.bti.elsewhere import FORWARDED, Elsewhere
+from phalanx.bti.elsewhere import FORWARDED, RemoteNodes
 from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import Unavailable, UsageError
 from phalanx.net.mission_key import read_board, read_mission_key
@@ -30,21 +30,21 @@ AT_T = ENTRY.at("t")
 WHAT_TIME = AUDIT_FRAGMENT.encode(src=0, dst=0, request=0, index=0, count=1, bytes=b"")
 
 
-class OwnClock:
+class NodeClock:
     """Estimate of the nodes' clock from their answers, which were made between a call and its return.
 
     Our clock, which runs at `speed` of real time, is adjusted as little as the answers allow, so it follows drift.
     `taken` counts packets that the a-node accepted, `asked_ms` is the total time of calls.
     """
 
-    def __init__(self, node: Elsewhere, speed: float = 1.0) -> None:
+    def __init__(self, node: RemoteNodes, speed: float = 1.0) -> None:
         self._node, self.speed = node, speed
         self.taken = 0
         self.asked_ms = 0.0
         self._ahead_ms: float | None = None  # of ours
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """See `bti.elsewhere.Elsewhere`."""
+        """See `bti.elsewhere.RemoteNodes`."""
         before_ms = self._ours_ms()
         code, result = self._node.ask(call, now_ms, **arguments)
         after_ms = self._ours_ms()

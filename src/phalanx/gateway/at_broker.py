@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from phalanx.net.broker import RunningBroker
-from phalanx.net.broker_url import no_way_from
+from phalanx.net.broker_url import mixed_content_error
 
 log = logging.getLogger(__name__)
 
@@ -27,7 +27,7 @@ class Connected(Protocol):
         """Return why the last connection attempt failed; "" while connected."""
 
 
-class AtBroker:
+class BrokerStatus:
     """A broker in use, with the state of its connection.
 
     Args:
@@ -38,7 +38,7 @@ class AtBroker:
 
     def __init__(self, broker: RunningBroker, link: Connected, page: str, for_visitors: str) -> None:
         self._broker, self._link = broker, link
-        self._no_phone = no_way_from(page, for_visitors)
+        self._no_phone = mixed_content_error(page, for_visitors)
         if self._no_phone:
             log.warning("%s; hint: use a wss:// address, with --broker URL --broker-ws", self._no_phone)
 

@@ -116,7 +116,7 @@ class Brakes:
         self._swarm.stop(address)
         self._arm(address, False)  # last: a driver that fails may have left the wheels turning
 
-    def follows_a_route(self, address: str) -> None:
+    def end_joystick(self, address: str) -> None:
         """Note that a robot follows a route: its joystick command no longer expires."""
         self._arm(address, False)
 

@@ -18,10 +18,10 @@ from phalanx.robot import Point, Robot
 from phalanx.wire.sessions import PADDED
 
 from .outbox import KEY_BYTES, Batch, Entry, Outbox
-from .places import NOWHERE, Places, in_places, tell_route
+from .places import NOWHERE, Places, encode_route, group_places
 from .robot_changes import Slow, change_of, slow_of
 from .shields import MOST_AUDITS
-from .vocabulary import Notice, tell_robot
+from .vocabulary import Notice, robot_json
 
 FULL_EVERY_S = 1.0
 FRAME_BYTES = 60  # of an update without its lists
@@ -52,7 +52,7 @@ class Tick:
     changed: bool
 
 
-class Frames:
+class StateUpdates:
     """Compares the swarm with what visitors were sent, and numbers its robots."""
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class Frames:
         batch, sent, places = self._within(tick_bytes(len(robots)) - FRAME_BYTES, moved, _units(len(robots)))
         whole: dict[str, Any] = dict(batch.lists)
         if places:
-            whole["places"] = [some.told() for some in places]
+            whole["places"] = [some.encode() for some in places]
         # Last: if an invalid value of a driver raises above, nothing is marked as sent.
         known = before[np.isin(before[:, 0], rows[:, 0]) & ~np.isin(before[:, 0], sent[:, 0])]
         self._rows = _by_number(np.concatenate([known, sent]))
@@ -148,7 +148,7 @@ class Frames:
             return (Entry("left", address, lambda: self._forget(address)),) if before else ()
         robot, slow = now
         if before is None:  # the route is sent separately, as it can be long
-            joined = tell_robot(robot._replace(route=()), self._now_s, 0) | {"n": self.number(address)}
+            joined = robot_json(robot._replace(route=()), self._now_s, 0) | {"n": self.number(address)}
             return (Entry("joined", joined, lambda: self._learn(address, slow._replace(route=()))),)
         told = slow._replace(route=before.route)
         change = change_of(address, before, told, cleared=address in self._cleared)
@@ -159,7 +159,7 @@ class Frames:
         if before is None or now is None or before.route == now[1].route:
             return ()
         route = now[1].route
-        told = tell_route(self.number(address), route)
+        told = encode_route(self.number(address), route)
         return (Entry("routes", told, lambda: self._learn_route(address, route)),)
 
     def _learn(self, address: str, known: Slow) -> None:
@@ -204,7 +204,7 @@ class Frames:
 
         Each side can use the space that the other leaves. If both need more, places leave `CHANGES_BYTES` per unit.
         """
-        places = in_places(moved)
+        places = group_places(moved)
         wanted = sum(some.chars for some in places) + len("places") + KEY_BYTES
         batch = self._outbox.next(limit_bytes - min(wanted, limit_bytes - CHANGES_BYTES * units))
         # No places of robots that visitors do not know: they would request the whole list.
@@ -212,11 +212,11 @@ class Frames:
         unknown = {self._numbers[address] for address in self._now if address not in self._known} - joined
         if unknown:
             moved = moved[~np.isin(moved[:, 0], list(unknown))]
-            places = in_places(moved)
+            places = group_places(moved)
         left_bytes = limit_bytes - batch.size - len("places") - KEY_BYTES
         if sum(some.chars for some in places) > left_bytes:
             moved = self._in_turn(moved, left_bytes)
-            places = in_places(moved)
+            places = group_places(moved)
         return batch, moved, places
 
     def _in_turn(self, moved: NDArray[np.int64], limit_bytes: int) -> NDArray[np.int64]:
@@ -226,7 +226,7 @@ class Frames:
         fits, too_many = 0, len(turns) + 1
         while too_many - fits > 1:
             some = (fits + too_many) // 2
-            chars = sum(each.chars for each in in_places(_by_number(turns[:some])))
+            chars = sum(each.chars for each in group_places(_by_number(turns[:some])))
             fits, too_many = (some, too_many) if chars <= limit_bytes else (fits, some)
         if fits:
             self._next_place = int(turns[fits - 1, 0]) + 1

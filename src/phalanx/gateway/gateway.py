@@ -17,7 +17,7 @@ from phalanx.robot.swarm import AuditedSwarm, RouteLimited, WorkingSwarm
 
 from . import vocabulary
 from .brakes import EXPIRES_S, Brakes
-from .frames import Frames, Tick
+from .frames import StateUpdates, Tick
 from .links import Link
 from .missions.watch import MissionWatch, WorkWatch
 from .shields import ShieldWatch
@@ -63,7 +63,7 @@ class Gateway:
         self.drivers = Drivers(drivers)
         self._routes_by_code: set[str] = set()  # robots
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
-        self._frames = Frames()
+        self._frames = StateUpdates()
         self.swarm = swarm
         self.brakes = Brakes(swarm)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, AuditedSwarm) else None
@@ -151,7 +151,7 @@ class Gateway:
             self._refuse_late(command)
             self.brakes.refuse_if_held()
         self.swarm.follow(address, route.points, route.threshold_mm)
-        self.brakes.follows_a_route(address)
+        self.brakes.end_joystick(address)
         if command.by is None:
             self._routes_by_code.add(address)
 
@@ -179,7 +179,7 @@ class Gateway:
         return told
 
     def _published_list(self) -> list[dict[str, Any]]:
-        return vocabulary.tell_robots(self.swarm.robots(), time.time(), OLDER_ANSWER_BYTES, self._answer_bytes - 1024)
+        return vocabulary.robots_json(self.swarm.robots(), time.time(), OLDER_ANSWER_BYTES, self._answer_bytes - 1024)
 
     def _list(self) -> list[dict[str, Any]]:
         robots, now_s = self.swarm.robots(), time.time()
@@ -191,7 +191,7 @@ class Gateway:
         walks = self.missions.in_list() if self.missions else {}
         drivers = self.drivers.in_list()
         return [
-            vocabulary.tell_robot(robot if with_routes else robot._replace(route=()), now_s, trail)
+            vocabulary.robot_json(robot if with_routes else robot._replace(route=()), now_s, trail)
             | {"n": self._frames.number(robot.address), "mode": int(bool(robot.route))}
             | shields.get(robot.address, {})
             | walks.get(robot.address, {})
@@ -255,7 +255,7 @@ class Gateway:
     async def _tell_published(self, robots: Sequence[Robot], tick: Tick) -> None:
         now_s, uptime_s = time.time(), time.monotonic()
         for robot in tick.joined:
-            await self._tell_one(Notice.NEW_ROBOT, vocabulary.tell_robot(robot, now_s, 0))
+            await self._tell_one(Notice.NEW_ROBOT, vocabulary.robot_json(robot, now_s, 0))
         stale_s = uptime_s - self._reloaded_at_s
         # A reload makes every page request everything, so at most one a second.
         if stale_s >= RELOAD_EVERY_S or ((tick.changed or tick.left) and stale_s >= 1):

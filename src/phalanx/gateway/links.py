@@ -34,7 +34,7 @@ class Link(Protocol):
         """Send a notification to all visitors; return whether it was sent. Raises: UsageError: too long."""
 
 
-def call_now(handler: Callable[[Command], Any], command: Command) -> None:
+def call_handler_now(handler: Callable[[Command], Any], command: Command) -> None:
     """Call the synchronous handler of a command. Raises: PeerError; HandlerFailed for any other error."""
     try:
         handler(command)

@@ -48,13 +48,13 @@ class Places:
         """Return the length as JSON, at most."""
         return AROUND_CHARS + RECORD_CHARS * len(self._records)
 
-    def told(self) -> list[Any]:
+    def encode(self) -> list[Any]:
         """Return the group as an item of an update's `places`: `[number, x, y, step, records]`."""
         records = urlsafe_b64encode(self._records.tobytes()).decode()
         return [self._first, *self._corner.tolist(), self._step_mm, records]
 
 
-def in_places(rows: NDArray[np.int64]) -> list[Places]:
+def group_places(rows: NDArray[np.int64]) -> list[Places]:
     """Return the rows as few groups of good resolution: a distant robot must not make the others' places coarse."""
     if not len(rows):
         return []
@@ -69,7 +69,7 @@ def in_places(rows: NDArray[np.int64]) -> list[Places]:
     ]
 
 
-def tell_route(number: int, route: Sequence[Point]) -> list[Any]:
+def encode_route(number: int, route: Sequence[Point]) -> list[Any]:
     """Return a route as an item of an update's `routes`: `[number, x, y, step, points]`, without invalid points.
 
     The first point is where the robot started; no server accepts more points after it than are sent.

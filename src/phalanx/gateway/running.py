@@ -14,18 +14,18 @@ from phalanx.crypto.jwe import encode_base64url
 from phalanx.errors import Unknown
 from phalanx.link.messages import Rejected
 from phalanx.link.session.errors import Busy
-from phalanx.net.server import Happening
+from phalanx.net.server import LinkEvent
 from phalanx.robot import Swarm
 from phalanx.robot.swarm import SteppedSwarm
 
 from . import vocabulary
-from .at_broker import AtBroker
+from .at_broker import BrokerStatus
 from .brakes import KeptStop
 from .gateway import Gateway
 from .links import Link
 from .operator_desk import OperatorDesk, refuse_revival
 from .projector import Projector, projector_token
-from .session_link import Say, SessionLink, now
+from .session_link import EventSink, SessionLink, now
 from .shared_code import SharedCode
 
 if TYPE_CHECKING:
@@ -58,9 +58,9 @@ class Running:
         link_url: str,
         link: SessionLink,
         swarm: Swarm,
-        say: Say,
+        say: EventSink,
         shared: SharedCode | None,
-        broker: AtBroker | None = None,
+        broker: BrokerStatus | None = None,
         *,
         static: X25519PrivateKey,
     ) -> None:
@@ -272,7 +272,7 @@ class Running:
             event = event | {"qr_url": self.qr_url}
         self._say(event)
 
-    def _on_shared(self, happening: Happening) -> None:
+    def _on_shared(self, happening: LinkEvent) -> None:
         # The first refusal of each reason is reported at once, later ones as sums: there can be thousands.
         if isinstance(happening, Rejected) and happening.reason in self._told:
             return

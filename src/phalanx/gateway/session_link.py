@@ -27,11 +27,11 @@ from phalanx.link.session.events import (
     CommandRefused,
     Joined,
     Left,
-    Listen,
     Publish,
     Requested,
     Send,
     ServerEvent,
+    SetConnectionTopics,
 )
 from phalanx.link.session.store import GroupedStore
 from phalanx.link.session.visitors import Visitor
@@ -39,14 +39,14 @@ from phalanx.link.topics import CommandTopic
 from phalanx.net.answers import Answers
 from phalanx.net.front import Closed, Event, Opened, Received
 from phalanx.net.server import call_handler
-from phalanx.net.session_broker import KNOCKS, SessionBroker
+from phalanx.net.session_broker import HELLO_CONNECTION, SessionBroker
 from phalanx.net.session_store import LinkKeys
 
 from . import vocabulary
-from .links import call_now
+from .links import call_handler_now
 from .payloads import parse_payload, request_words
 from .trail import Trail
-from .ways import FrontEnd, Ways
+from .ways import FrontEnd, SessionTransports
 
 log = logging.getLogger(__name__)
 
@@ -67,7 +67,7 @@ _REASONS: dict[type[PeerError], Reason] = {
     TooMany: Reason.TOO_MANY,
     Unknown: Reason.UNKNOWN,
 }
-Say = Callable[[dict[str, Any]], None]
+EventSink = Callable[[dict[str, Any]], None]
 # Handler of operators' requests: takes the request's name, its payload, and the visitor's id.
 Operate = Callable[[str, dict[str, Any], int], dict[str, Any] | Awaitable[dict[str, Any]]]
 
@@ -107,11 +107,11 @@ class SessionLink:
         self.server = SessionServer(self.config, keys.static, keys.signer, self._store, os.urandom, now(), open_role)
         self.operations = Operations(self.server)
         self.counters: Counter[str] = Counter()
-        self.say: Say = lambda _: None
+        self.say: EventSink = lambda _: None
         self.operate: Operate | None = None
         self.trail = trail
         self.static = keys.static.public_key().public_bytes_raw()
-        self._ways = Ways(front, broker)
+        self._ways = SessionTransports(front, broker)
         self._robots = robots
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[str, Callable[[Request], Any]] = {}
@@ -184,7 +184,7 @@ class SessionLink:
 
     def _carry_out(self, event: ServerEvent) -> None:
         match event:
-            case Send() | Listen() | Close():
+            case Send() | SetConnectionTopics() | Close():
                 self._ways.carry(event)
             case Publish(connections):
                 self._ways.carry(
@@ -220,7 +220,7 @@ class SessionLink:
         match event:
             case Opened(connection, address):
                 self.carry(self.server.opened(connection, address, now()))
-            case Received(connection, data) if connection == KNOCKS:
+            case Received(connection, data) if connection == HELLO_CONNECTION:
                 self.carry(self.server.receive_hello(data, now()))
             case Received(connection, data):
                 self.carry(self._receive(connection, data))
@@ -290,7 +290,7 @@ class SessionLink:
                 raise Unknown(f"no command {command.name!r}")
             topic = CommandTopic(robot, vocabulary.APPLICATION, command.name)
             by = self.name_of(command.visitor)
-            call_now(handler, Command(topic, payload, by=by, is_stop=command.is_stop))
+            call_handler_now(handler, Command(topic, payload, by=by, is_stop=command.is_stop))
         except PeerError as error:
             reason = self._reject(error)
             self.carry(self.server.refuse(command.visitor, 0, reason))

@@ -8,7 +8,7 @@ from phalanx.link import Command, Epoch
 from phalanx.link.messages import Rejected
 from phalanx.net import Server, parse_broker_url
 from phalanx.net.broker import RunningBroker
-from phalanx.net.server import Happening
+from phalanx.net.server import LinkEvent
 
 if TYPE_CHECKING:
     from .up import UpOptions
@@ -51,7 +51,7 @@ class SharedCode:
         """Return the value of a counter."""
         return self.server.counters[what]
 
-    def event(self, event: Happening) -> dict[str, Any] | None:
+    def event(self, event: LinkEvent) -> dict[str, Any] | None:
         """Return an event as JSON-ready types, or None for events not reported, such as requests.
 
         A rotation includes the pin.

@@ -26,7 +26,7 @@ STORE, TRAIL, OPERATOR = "sessions.db", "trail.jsonl", "operator.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class StoredState:
     """A gateway's stored state, in a folder or in memory."""
 
     store: Store
@@ -35,7 +35,7 @@ class Kept:
     folder: Path | None
 
     @contextlib.contextmanager
-    def found_at(self, operator_url: str) -> Iterator[None]:
+    def publish_operator_url(self, operator_url: str) -> Iterator[None]:
         """Publish the operator's address to commands of this user while the context lasts."""
         if self.folder is None:
             yield
@@ -50,7 +50,7 @@ class Kept:
 
 
 @contextlib.contextmanager
-def kept_in(folder: Path | None, *, is_optional: bool = False) -> Iterator[Kept]:
+def open_state(folder: Path | None, *, is_optional: bool = False) -> Iterator[StoredState]:
     """Open the folder, created if missing. None, or an optional folder that is unavailable: keep state in memory.
 
     Raises: UsageError: it is damaged, or others have access; Unavailable: another gateway uses it.
@@ -66,11 +66,11 @@ def kept_in(folder: Path | None, *, is_optional: bool = False) -> Iterator[Kept]
                     raise
                 log.warning("%s: this gateway will not keep its visitors; hint: use --state FOLDER", error)
         if folder is None or store is None:
-            yield Kept(MemoryStore(), new_link_keys(), Trail(None), None)
+            yield StoredState(MemoryStore(), new_link_keys(), Trail(None), None)
             return
         trail = Trail(folder / TRAIL)
         stack.callback(trail.close)
-        yield Kept(store, store.keys, trail, folder)
+        yield StoredState(store, store.keys, trail, folder)
 
 
 def make_folder(folder: Path) -> None:

@@ -21,7 +21,7 @@ from phalanx.net.ports import free_port
 from phalanx.robot import Swarm
 
 from .running import Running
-from .session_link import Say
+from .session_link import EventSink
 from .shields import ShieldWatch
 from .up import DEFAULT_PORT, UpOptions, up
 
@@ -48,7 +48,7 @@ class Act:
 
 
 async def tour(
-    options: UpOptions, say: Say, started: Callable[[Running], None], driven: MakeSwarm, mission: MakeSwarm
+    options: UpOptions, say: EventSink, started: Callable[[Running], None], driven: MakeSwarm, mission: MakeSwarm
 ) -> None:
     """Run the tour until cancelled. `driven` makes robots that visitors drive, `mission` those that run a mission.
 
@@ -68,7 +68,7 @@ async def tour(
 
 
 async def _play(
-    act: Act, options: UpOptions, say: Say, started: Callable[[Running], None], gateways: list[Running]
+    act: Act, options: UpOptions, say: EventSink, started: Callable[[Running], None], gateways: list[Running]
 ) -> None:
     """Run one act; `gateways` holds the previous act's gateway, and this one's afterwards."""
     scripts: list[asyncio.Task[None]] = []

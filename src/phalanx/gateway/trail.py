@@ -13,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 
 from .chain_file import ChainFile
 
@@ -49,8 +49,8 @@ class Trail:
         self._drives: dict[str, _Drive] = {}
         self._sums: dict[int, _Sums] = {}  # by visitor, the oldest first
         self._here: set[int] = set()
-        self._paces: dict[int, Pace] = {}  # of visitors
-        self._newcomers = Pace(NEWCOMERS_PER_S, NEWCOMERS_AT_ONCE, time.monotonic())
+        self._paces: dict[int, TokenBucket] = {}  # of visitors
+        self._newcomers = TokenBucket(NEWCOMERS_PER_S, NEWCOMERS_AT_ONCE, time.monotonic())
         self._left_out: Counter[int] = Counter()  # lines, by visitor
         self._left_out_written_s = 0.0
         if self._file and self._file.found:
@@ -144,7 +144,7 @@ class Trail:
         pace = self._paces.get(visitor)
         if pace is None and not self._newcomers.wait_s(now_s):
             self._newcomers.use()
-            pace = self._paces[visitor] = Pace(LINES_PER_S, LINES_AT_ONCE, now_s)
+            pace = self._paces[visitor] = TokenBucket(LINES_PER_S, LINES_AT_ONCE, now_s)
         if pace is None or pace.wait_s(now_s):
             self._left_out[visitor] += 1
             return

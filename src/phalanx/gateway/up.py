@@ -21,25 +21,25 @@ from phalanx.net import Login
 from phalanx.net.broker import RunningBroker, open_broker
 from phalanx.net.broker_url import on_host
 from phalanx.net.front import Front
-from phalanx.net.ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port, lan_address
-from phalanx.net.seats import allow_files
+from phalanx.net.ports import EVERYWHERE, LOOPBACK, free_port, lan_address, retry_while_port_taken
+from phalanx.net.seats import raise_file_limit
 from phalanx.net.session_broker import SessionBroker
 from phalanx.net.session_store import LinkKeys
-from phalanx.net.site import beside
+from phalanx.net.site import serve_in_thread
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
 from phalanx.wire.sessions import LINK_PATH
 
-from .at_broker import AtBroker
+from .at_broker import BrokerStatus
 from .missions.desk import MissionDesk, requests_of
 from .projector import Wifi
 from .running import Running
 from .serve_pages import PAGE_POLICY, PAGES, OperatorPages
 from .serving import for_at_most, until_connected
-from .session_link import Say, SessionLink
+from .session_link import EventSink, SessionLink
 from .shared_code import SharedCode
 from .shields import check_revivable
-from .state_folder import Kept, kept_in
+from .state_folder import StoredState, open_state
 
 log = logging.getLogger(__name__)
 
@@ -130,7 +130,7 @@ class UpOptions:
 
 async def up(
     options: UpOptions,
-    say: Say,
+    say: EventSink,
     started: Callable[[Running], None] = lambda _: None,
     *,
     swarm: Callable[[], Swarm],
@@ -144,14 +144,14 @@ async def up(
     Raises: UsageError, Unavailable: an invalid option, a port or folder in use, a broker that refuses us.
     """
     token = options.operator_token or secrets.token_hex(16)
-    allow_files(MANY_FILES)
+    raise_file_limit(MANY_FILES)
     async with contextlib.AsyncExitStack() as stack:
-        kept: Kept = stack.enter_context(kept_in(options.state, is_optional=options.state_is_optional))
+        kept: StoredState = stack.enter_context(open_state(options.state, is_optional=options.state_is_optional))
         front = await _front(options, stack, kept.keys)
         page_url = options.page_at(front.port)
         shared: SharedCode | None = None
         sessions: SessionBroker | None = None
-        at: AtBroker | None = None
+        at: BrokerStatus | None = None
         config = options.session_config()
         if options.broker:
             broker = await stack.enter_async_context(_broker(options))
@@ -159,7 +159,7 @@ async def up(
             config = options.session_config(for_visitors)
             knocks = hello_topic(kept.keys.static.public_key())
             sessions = SessionBroker(broker.url, config.root, knocks, config.max_to_server_bytes)
-            at = AtBroker(broker, sessions, options.frontend or page_url, for_visitors)
+            at = BrokerStatus(broker, sessions, options.frontend or page_url, for_visitors)
             shared = SharedCode(options, broker, for_visitors, page_url) if options.qrkey else None
         robots = swarm()
         if options.revive_s is not None:
@@ -188,9 +188,9 @@ async def up(
         if desk:
             running.desk.slow |= requests_of(desk)
         operators = OperatorPages(token, running, options.operator_port)
-        operator = await stack.enter_async_context(beside(operators))
+        operator = await stack.enter_async_context(serve_in_thread(operators))
         operator_url = f"http://{LOOPBACK}:{operator.port}/#token={token}"
-        stack.enter_context(kept.found_at(operator_url))
+        stack.enter_context(kept.publish_operator_url(operator_url))
         started(running)
         for server in (sessions, shared.server if shared else None):
             if server:
@@ -230,4 +230,4 @@ async def _front(options: UpOptions, stack: contextlib.AsyncExitStack, keys: Lin
         )
         return await stack.enter_async_context(front)
 
-    return await (at_a_free_port(start) if options.port is None else start())
+    return await (retry_while_port_taken(start) if options.port is None else start())

@@ -105,7 +105,7 @@ def status(robot: Robot, now_s: float) -> Status:
     return Status.INACTIVE if silent_s >= QUIET_AFTER_S else Status.ACTIVE
 
 
-def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[str, Any]:
+def robot_json(robot: Robot, now_s: float, history: int | None = None) -> dict[str, Any]:
     """Return a robot as in answers to request 0; `history` limits the trail to its newest points."""
     length = len(robot.history)
     trail = list(islice(robot.history, max(0, length - history) if history is not None else 0, None))
@@ -128,19 +128,19 @@ def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[s
     }
 
 
-def tell_robots(robots: Sequence[Robot], now_s: float, wish_bytes: int, limit_bytes: int) -> list[dict[str, Any]]:
+def robots_json(robots: Sequence[Robot], now_s: float, wish_bytes: int, limit_bytes: int) -> list[dict[str, Any]]:
     """Return the whole answer to request 0, for pages of PyDotBot.
 
     Trails are cut to their newest points so that it is no longer than `wish_bytes`, if that is enough; above
     `limit_bytes` routes are left out, and in the end robots.
     """
-    told = [tell_robot(robot, now_s, 0) for robot in robots]
+    told = [robot_json(robot, now_s, 0) for robot in robots]
     size = _size(told)
     points = max((len(robot.history) for robot in robots), default=0)
     if points and robots:
         # Cut before building: a thousand points for each of a hundred robots would block the gateway for a while.
         points = min(points, max(0, wish_bytes - size) // (len(robots) * POINT_BYTES))
-        told = [tell_robot(robot, now_s, points) for robot in robots]
+        told = [robot_json(robot, now_s, points) for robot in robots]
         size = _size(told)
     if size > limit_bytes:
         told = [robot | {"waypoints": []} for robot in told]

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from phalanx.link.session.events import Close, Publish, Send
 from phalanx.net.front import Event
-from phalanx.net.session_broker import SessionBroker, Told
+from phalanx.net.session_broker import BrokerOutput, SessionBroker
 
 
 class FrontEnd(Protocol):
@@ -30,7 +30,7 @@ class FrontEnd(Protocol):
         """Close a connection after its pending data is sent."""
 
 
-class Ways:
+class SessionTransports:
     """Carries out actions of a session server on the transport of each connection."""
 
     def __init__(self, front: FrontEnd, broker: SessionBroker | None) -> None:
@@ -46,7 +46,7 @@ class Ways:
         """Return the event streams of the transports."""
         return [self._front.events(), *([self.broker.events()] if self.broker else [])]
 
-    def carry(self, action: Told) -> None:
+    def carry(self, action: BrokerOutput) -> None:
         """Carry out an action of the server."""
         match action:
             case Publish(connections, data):

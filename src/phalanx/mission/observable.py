@@ -33,9 +33,9 @@ APART_M, APART_MAX = 0.1, 255  # unit of Offset.apart, and its value for "no loo
 VALUE_MAX = 1e6
 LONGEST_S = 1e12  # beyond any plausible clock
 # Distance to the next look-alike that is assumed if it is unknown.
-UNTOLD_M = 3.0
+DEFAULT_APART_M = 3.0
 # Default covariance of a pose: 12 cm and 2.5 degrees, less than `place_m`, or no robot without its own could start.
-UNSURE = (0.0144, 0.0, 0.0, 0.0144, 0.0, 0.0019)
+DEFAULT_COVARIANCE = (0.0144, 0.0, 0.0, 0.0144, 0.0, 0.0019)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Landmark:
     orientation_rad: float | None = None
     area_m2: float | None = None
     text: str | None = None
-    apart_m: float = field(default=UNTOLD_M, compare=False)
+    apart_m: float = field(default=DEFAULT_APART_M, compare=False)
 
     def __post_init__(self) -> None:
         if self.type not in LANDMARK_TYPES:
@@ -73,7 +73,7 @@ class Landmark:
             raise UsageError(f"a {self.type} at {self.x_m}, {self.y_m}", "use metres and radians, below a million")
 
 
-class InSight(Sequence[Landmark]):
+class ScanLandmarks(Sequence[Landmark]):
     """Landmarks of a scan as kernel arrays; `Landmark` objects are made on demand.
 
     Args:
@@ -84,7 +84,7 @@ class InSight(Sequence[Landmark]):
         self.rows = rows
 
     @cached_property
-    def told(self) -> tuple[Landmark, ...]:
+    def landmarks(self) -> tuple[Landmark, ...]:
         """Return all landmarks, the same objects each time."""
         return tuple(
             Landmark(LANDMARK_TYPES[int(kind)], x, y, number_or_none(turn), number_or_none(area))
@@ -95,10 +95,10 @@ class InSight(Sequence[Landmark]):
         return len(self.rows)
 
     def __iter__(self) -> Iterator[Landmark]:
-        return iter(self.told)
+        return iter(self.landmarks)
 
     def __getitem__(self, i: Any) -> Any:
-        return self.told[i]
+        return self.landmarks[i]
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +195,7 @@ class Experience:
     actions: tuple[Action, ...] = ()
     messages: tuple[bytes, ...] = ()
     blocked: bool = False
-    spread: Covariance = UNSURE
+    spread: Covariance = DEFAULT_COVARIANCE
 
 
 class Offset(NamedTuple):
@@ -245,7 +245,7 @@ def cell_of(coding: CodingConfig, offset: Offset, x_m: float, y_m: float, thing:
 
 def rows_of(landmarks: Sequence[Landmark]) -> NDArray[np.float64]:
     """Return landmarks as a kernel array: (k, 5) kind, x, y, orientation and area, NaN for None."""
-    if isinstance(landmarks, InSight):
+    if isinstance(landmarks, ScanLandmarks):
         return landmarks.rows
     rows = [(_KINDS[it.type], it.x_m, it.y_m, it.orientation_rad, it.area_m2) for it in landmarks]
     return np.array(rows, np.float64).reshape(-1, 5)

@@ -12,7 +12,7 @@ from phalanx.link.qrurl import Login
 
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .mosquitto import mosquitto
-from .ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port
+from .ports import EVERYWHERE, LOOPBACK, free_port, retry_while_port_taken
 from .private_file import sweep
 
 log = logging.getLogger(__name__)
@@ -75,7 +75,7 @@ async def open_broker(
             await stack.enter_async_context(mosquitto(ports[0], ws_host, ports[1]))
             return ports
 
-        port, at = await at_a_free_port(start)
+        port, at = await retry_while_port_taken(start)
         ws = BrokerUrl("ws", LOOPBACK if ws_host in EVERYWHERE else ws_host, at, "/mqtt")
         yield RunningBroker(MOSQUITTO, BrokerUrl("mqtt", LOOPBACK, port), str(ws))
 

@@ -76,7 +76,7 @@ def on_host(websocket: str, host: str) -> str:
     return str(replace(at, host=host)) if at.host in ("127.0.0.1", "localhost", "::1") else websocket
 
 
-def no_way_from(page: str, websocket: str) -> str:
+def mixed_content_error(page: str, websocket: str) -> str:
     """Return the reason why browsers block this page's connection to the broker, or "". Source: W3C, Mixed Content."""
     is_here = urlsplit(websocket).hostname in ("localhost", "127.0.0.1", "::1")  # allowed by browsers
     if is_here or not (page.startswith("https://") and websocket.startswith("ws://")):

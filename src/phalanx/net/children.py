@@ -37,23 +37,23 @@ def die_with_parent(most_bytes: int = 0) -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def end_with(parent: int) -> None:
+def end_with_parent(parent: int) -> None:
     """In a Python child, first of all: end when the parent does, or now if it has ended already."""
     die_with_parent()
     if os.getppid() != parent:
         sys.exit()
 
 
-def a_python_child(module: str, *arguments: str, pass_fds: Sequence[int] = ()) -> Child:
-    """Start a module of phalanx as a child; its first argument is the parent's process id, for `end_with`.
+def run_python_child(module: str, *arguments: str, pass_fds: Sequence[int] = ()) -> Child:
+    """Start a module of phalanx as a child; its first argument is the parent's process id, for `end_with_parent`.
 
     This needs no `preexec_fn`, for which Python would copy the gateway's memory while the event loop waits.
     """
-    return a_child(sys.executable, "-m", module, str(os.getpid()), *arguments, pass_fds=pass_fds, forks=False)
+    return run_child(sys.executable, "-m", module, str(os.getpid()), *arguments, pass_fds=pass_fds, forks=False)
 
 
 @contextlib.asynccontextmanager
-async def a_child(
+async def run_child(
     *arguments: str, user: str | None = None, pass_fds: Sequence[int] = (), most_bytes: int = 0, forks: bool = True
 ) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run a program, and end it when the context is left."""
@@ -104,7 +104,7 @@ Begins = Callable[[asyncio.subprocess.Process], Awaitable[None]]
 
 
 @contextlib.asynccontextmanager
-async def kept(
+async def supervise_child(
     name: str, child: Callable[[], Child], serves: Probe, begins: Begins | None = None
 ) -> AsyncIterator[None]:
     """Keep a child running; `begins`, if given, waits until it serves. Raises: Unavailable: it does not start."""

@@ -30,8 +30,8 @@ from phalanx.link.messages import Ask, Publish, Subscribe
 from .broker_packets import MAX_PACKET_BYTES, Arrived
 from .broker_url import BrokerUrl
 from .incoming import INCOMING_MESSAGES, Incoming
-from .packets import READ_FOR_S, CheckedClient, Emptied
-from .websocket import by_websocket
+from .packets import READ_FOR_S, CheckedClient, SocketEmptiedAt
+from .websocket import websocket_as_socket
 
 log = logging.getLogger(__name__)
 _SILENT = logging.getLogger(f"{__name__}.paho")
@@ -192,11 +192,11 @@ class Connection:
             way = None
             if self.broker.websockets:
                 async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                    way = await stack.enter_async_context(by_websocket(self.broker))
+                    way = await stack.enter_async_context(websocket_as_socket(self.broker))
             await self._speak(way)
 
     async def _speak(self, way: socket.socket | None) -> None:
-        emptied = Emptied()
+        emptied = SocketEmptiedAt()
         incoming = Incoming(self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s)
         client = CheckedClient(
             self.broker.host,

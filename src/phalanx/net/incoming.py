@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 
 from .broker_packets import Arrived
-from .packets import Emptied
+from .packets import SocketEmptiedAt
 
 # Limits of the queue: room for a burst of small messages, within the memory of a small machine.
 INCOMING_MESSAGES = 2000  # under a second of work
@@ -33,7 +33,7 @@ class Incoming(asyncio.Queue[Arrived]):
     def __init__(
         self,
         on_overrun: Callable[[], None],
-        emptied: Emptied,
+        emptied: SocketEmptiedAt,
         on_read: Callable[[float], None],
         maxsize: int = INCOMING_MESSAGES,
         max_bytes: int = INCOMING_BYTES,

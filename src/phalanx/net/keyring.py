@@ -162,7 +162,7 @@ def create(path: Path, name: str, passphrase: str) -> Keys:
 
 
 @contextlib.contextmanager
-def opened(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Keys]:
+def open_keyring(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Keys]:
     """Yield a file's keys, and save changes. Raises: UsageError: damaged, or others may read it; Unavailable."""
     with _alone(path):
         try:

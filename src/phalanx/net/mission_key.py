@@ -20,7 +20,7 @@ MOST_BYTES = 1 << 24  # enough for 65 535 robots
 Read = TypeVar("Read")
 
 
-def issued(
+def encode_mission_key_file(
     number: int,
     sealed: Mapping[int, MissionKey],
     signers: Mapping[str, str],

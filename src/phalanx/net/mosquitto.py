@@ -18,7 +18,7 @@ from pathlib import Path
 from phalanx.errors import Unavailable
 
 from .broker_url import BrokerUrl
-from .children import a_child, answer, kept
+from .children import answer, run_child, supervise_child
 from .ports import EVERYWHERE, LOOPBACK, PortTaken, is_free
 from .private_file import private_folder
 
@@ -88,8 +88,8 @@ async def mosquitto(port: int, ws_host: str, ws_port: int) -> AsyncIterator[None
     url = BrokerUrl("mqtt", LOOPBACK, port)
     with private_folder() as folder:
         user = _write(folder, configuration(port, ws_host, ws_port))
-        child = partial(a_child, program, "-c", str(folder / CONFIG), user=user, most_bytes=MEMORY_BYTES)
-        async with kept("mosquitto", child, partial(serves, url), partial(_until_it_serves, url)):
+        child = partial(run_child, program, "-c", str(folder / CONFIG), user=user, most_bytes=MEMORY_BYTES)
+        async with supervise_child("mosquitto", child, partial(serves, url), partial(_until_it_serves, url)):
             yield
 
 

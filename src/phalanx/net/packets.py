@@ -27,7 +27,7 @@ READ_BYTES = 64 * 1024
 BEAT_S = 0.05
 
 
-class Emptied:
+class SocketEmptiedAt:
     """Time at which the socket was last known to be empty: messages read now arrived after it.
 
     The kernel does not report when a message arrived. Messages wait in the socket while the event loop is blocked, or
@@ -73,7 +73,7 @@ class CheckedClient(aiomqtt.Client):
         way: socket.socket | None,
         arrived: Callable[[Arrived], None],
         on_dropped: Callable[[PeerError], object],
-        emptied: Emptied,
+        emptied: SocketEmptiedAt,
         **more: Any,
     ) -> None:
         super().__init__(*where, **more)

@@ -57,7 +57,7 @@ def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
     return port
 
 
-async def at_a_free_port(start: Callable[[], Awaitable[Started]]) -> Started:
+async def retry_while_port_taken(start: Callable[[], Awaitable[Started]]) -> Started:
     """Call `start`, again if it raises PortTaken because its free port was taken meanwhile; return its result."""
     for _ in range(PORT_TRIES - 1):
         with contextlib.suppress(PortTaken):

@@ -143,7 +143,7 @@ class Seats(Generic[Who]):
         if not self._guests.heard(who):
             self._known.heard(who)
 
-    def know(self, who: Who) -> None:
+    def mark_known(self, who: Who) -> None:
         """Mark a connection as known, so that strangers do not evict it."""
         if self._guests.drop(who):
             self._known.add(who)
@@ -166,7 +166,7 @@ def place_of(address: str) -> str:
     return str(ip)
 
 
-def allow_files(wanted: int) -> int:
+def raise_file_limit(wanted: int) -> int:
     """Raise the limit of open files to `wanted`, as far as the system allows; return the limit.
 
     A classroom of phones, or one client with a script, can reach the usual soft limit of 1024.
@@ -184,6 +184,6 @@ def files() -> int:
     return 2**31 if soft == resource.RLIM_INFINITY else soft
 
 
-def a_share(wanted: int, files_each: int = 1) -> int:
+def connection_limit(wanted: int, files_each: int = 1) -> int:
     """Return `wanted` connections, reduced so that they need at most a quarter of the open files allowed."""
     return max(1, min(wanted, files() // 4 // files_each))

@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from phalanx.bti import trusted
-from phalanx.bti.elsewhere import FORWARDED, made_by
+from phalanx.bti.elsewhere import FORWARDED, output_size
 from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import PeerError, Unavailable
 from phalanx.wire import Record, lines
-from phalanx.wire.framing import Frames, framed
+from phalanx.wire.framing import Frames, encode_frame
 from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL
 
 from .serial_line import SerialLine
@@ -85,7 +85,7 @@ class SerialNode:
         self._seal_bytes = SEAL_BYTES if self.about.sealed else {}
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """See `elsewhere.Elsewhere`."""
+        """See `elsewhere.RemoteNodes`."""
         if now_ms is not None and now_ms != self._now_ms and self.about.told_clock:
             code, _ = self._call(lines.CLOCK, t=now_ms)
             if code:
@@ -95,7 +95,7 @@ class SerialNode:
             # Truncated: the board refuses this length just as a greater one.
             arguments = {name: data[: PACKET_MAX + 1] for name, data in arguments.items()}
         code, result = self._call(call, **arguments)
-        wanted = made_by(call, **arguments) + self._seal_bytes.get(call, 0) if code >= 0 else 0
+        wanted = output_size(call, **arguments) + self._seal_bytes.get(call, 0) if code >= 0 else 0
         known = code in trusted.REASONS or code in (DONE, SAFE) or (call in FORWARDED and code == wanted)
         if not known or len(result) != wanted:
             raise self._end(f"{self._line.where} answered {call.name} with {len(result)} bytes and code {code}")
@@ -129,7 +129,7 @@ class SerialNode:
         if self._ended:
             raise Unavailable(self._ended)
         self._number = (self._number + 1) % NUMBERS
-        frame = framed(call.encode(number=self._number, **arguments))
+        frame = encode_frame(call.encode(number=self._number, **arguments))
         timeout_s = max(self._timeout_s, BEGINS_TIMEOUT_S) if call in BEGINS else self._timeout_s
         end_s = time.monotonic() + timeout_s
         # The answer to a frame has at most the same length plus a header.

@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 CommandHandler = TypeVar("CommandHandler", bound=Callable[[Command], Any])
 RequestHandler = TypeVar("RequestHandler", bound=Callable[[Request], Any])
-Happening = Command | Request | Knock | Rejected | Epoch
+LinkEvent = Command | Request | Knock | Rejected | Epoch
 ANY: Literal["*"] = "*"
 CLOSE_TIMEOUT_S = 1.0
 
@@ -70,7 +70,7 @@ class Server:
         self.broker = parse_broker_url(broker, login) if isinstance(broker, str) else broker
         self.broker_for_visitors = broker_for_visitors or websocket_of(self.broker)
         self.counters: Counter[str] = Counter()
-        self.on_event: Callable[[Happening], None] = lambda _: None
+        self.on_event: Callable[[LinkEvent], None] = lambda _: None
         self._clock = clock
         self._side = ServerSide(self.config, os.urandom, time.monotonic(), pin)
         self._commands: dict[str, Callable[[Command], Any]] = {}
@@ -259,7 +259,7 @@ class Server:
             log.debug("refused a message: %s", event.reason)
         self._report(event)
 
-    def _report(self, event: Happening) -> None:
+    def _report(self, event: LinkEvent) -> None:
         try:
             self.on_event(event)
         except Exception as error:  # noqa: BLE001  # any error:

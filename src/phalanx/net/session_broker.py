@@ -14,7 +14,7 @@ from typing import Self
 
 from phalanx.errors import PeerError
 from phalanx.link.messages import Ask, Publish, Subscribe, Unsubscribe
-from phalanx.link.session.events import Close, Listen, Send
+from phalanx.link.session.events import Close, Send, SetConnectionTopics
 from phalanx.link.session.events import Publish as Update
 from phalanx.wire.sessions import RECORD, SIGNED_HELLO, TAG_BYTES
 
@@ -22,13 +22,13 @@ from .broker_url import BrokerUrl
 from .connection import Connection
 from .front import Received
 
-KNOCKS = 0  # number of the shared connection of first messages
+HELLO_CONNECTION = 0  # number of the shared connection of first messages
 ROW_BYTES = 64 * 1024  # limit of one connection's queue
 MORE_BYTES = 64  # overhead of a queued message
 AT_ONCE_S = 0.01  # longest time for messages before other tasks of the event loop run
 UNSENT_BYTES = 32 * 1024 * 1024  # limit of the queue to a broker that does not read
 CLOSE_TIMEOUT_S = 1.0
-Told = Send | Update | Listen | Close
+BrokerOutput = Send | Update | SetConnectionTopics | Close
 
 
 class SessionBroker:
@@ -58,7 +58,7 @@ class SessionBroker:
         self._asked: set[asyncio.Task[bool]] = set()
         self._tasks: list[asyncio.Task[None]] = []
         self._link = Connection(broker, "sessions", lambda: list(self._of), self._on_message, None, 5, self._dropped)
-        self._listen(KNOCKS, (knocks,))
+        self._listen(HELLO_CONNECTION, (knocks,))
 
     @property
     def mqtt(self) -> int:
@@ -93,7 +93,7 @@ class SessionBroker:
         await asyncio.gather(*self._tasks)
 
     async def events(self) -> AsyncIterator[Received]:
-        """Yield messages, round-robin over the connections; first messages have the connection `KNOCKS`."""
+        """Yield messages, round-robin over the connections; first messages have the connection `HELLO_CONNECTION`."""
         while True:
             until_s = time.monotonic() + AT_ONCE_S
             while self._rows:
@@ -111,7 +111,7 @@ class SessionBroker:
             self._reads.clear()
             await self._reads.wait()
 
-    def carry(self, event: Told) -> None:
+    def carry(self, event: BrokerOutput) -> None:
         """Carry out an event of `SessionServer`. Messages are lost while the broker is unreachable or does not read."""
         match event:
             case Send(_, data, topic):
@@ -121,9 +121,9 @@ class SessionBroker:
                 update = Publish(f"{self._root}/{topic}", data)
                 if self._update is None and self._put(update):
                     self._update = update
-            case Listen(connection, topics):
+            case SetConnectionTopics(connection, topics):
                 self._listen(connection, topics)
-            case Close(connection) if connection != KNOCKS:
+            case Close(connection) if connection != HELLO_CONNECTION:
                 self._listen(connection, ())
 
     def _listen(self, connection: int, topics: tuple[str, ...]) -> None:
@@ -181,7 +181,7 @@ class SessionBroker:
         size = len(payload) + MORE_BYTES
         if len(payload) > self._longest:
             self.rejected["too_large"] += 1
-        elif connection == KNOCKS and len(payload) != SIGNED_HELLO.size:
+        elif connection == HELLO_CONNECTION and len(payload) != SIGNED_HELLO.size:
             self.rejected["malformed_record"] += 1
         elif self._unread_bytes[connection] + size > ROW_BYTES:
             self.rejected["overrun"] += 1

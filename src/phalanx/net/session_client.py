@@ -18,13 +18,13 @@ from phalanx.link.session.events import (
     Admitted,
     ClientEvent,
     Replied,
-    Stands,
+    StandingChanged,
     Transmit,
     Updated,
     WasRefused,
 )
 from phalanx.link.session.messages import Standing
-from phalanx.link.session.slots import Say, Slots
+from phalanx.link.session.slots import SealRecord, Slots
 from phalanx.link.topics import ADDRESS, NAME, is_address
 
 from .session_connection import LOST, SessionConnection, SessionOver, websocket_url
@@ -102,7 +102,7 @@ class Client:
             on_lost=self._on_lost,
         )
         self._slots = Slots()
-        self._driving: Say | None = None  # the wheels of the newest `drive`
+        self._driving: SealRecord | None = None  # the wheels of the newest `drive`
         self._tasks: list[asyncio.Task[None]] = []
         self._waiting: dict[int, asyncio.Future[bytes | Reason]] = {}  # pending replies, by request number
         self._pending: set[asyncio.Future[Any]] = set()  # futures that fail if the connection is lost
@@ -246,7 +246,7 @@ class Client:
         self._driving = self._slots.steady = None
         await self.command(robot, "move_raw", wheels(0, 0), stop=True, refused_within_s=refused_within_s)
 
-    def _command(self, robot: str, name: str, payload: Any, *, stop: bool = False) -> Say:
+    def _command(self, robot: str, name: str, payload: Any, *, stop: bool = False) -> SealRecord:
         check_word(ADDRESS, robot, "a robot's address")
         check_word(NAME, name, "a command's name")
         body = payload_bytes(payload)
@@ -264,7 +264,7 @@ class Client:
     def _is_paced(self) -> bool:
         return bool(self.standing and self.standing.robot)
 
-    async def _say(self, say: Say, robot: str = "", *, stop: bool = False) -> None:
+    async def _say(self, say: SealRecord, robot: str = "", *, stop: bool = False) -> None:
         """Send a record at once, or in the next slot while a robot is assigned or leased; return when it is sent."""
         if not self._tasks:
             raise UsageError("the client is not entered", "use it as `async with client:`")
@@ -331,7 +331,7 @@ class Client:
         match event:
             case Admitted(visitor, name):
                 self.visitor, self.name = visitor, name
-            case Stands(standing):
+            case StandingChanged(standing):
                 self.standing = standing
             case Updated(state):
                 self._has_seen = True

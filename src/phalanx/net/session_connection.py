@@ -17,13 +17,13 @@ from urllib.parse import urlsplit
 from phalanx.config.session import SessionConfig
 from phalanx.errors import PeerError, Unavailable
 from phalanx.link.session import EndReason, Invitation, Secret, SessionClient
-from phalanx.link.session.events import Admitted, ClientEvent, Ended, Hear, KeepSecret, Transmit
+from phalanx.link.session.events import Admitted, ClientEvent, Ended, KeepSecret, SetTopics, Transmit
 from phalanx.link.session.invitation import BadInvitation
-from phalanx.link.session.slots import Say
+from phalanx.link.session.slots import SealRecord
 from phalanx.wire.sessions import LINK_PATH, TAG_BYTES, UPDATE
 
 from .resume_file import read_resume, write_resume
-from .session_ways import AWAY, BrokerWay, Way, WebsocketWay
+from .session_ways import CONNECTION_ERRORS, BrokerTransport, ClientTransport, WebsocketTransport
 from .websocket import CLOSE_S
 
 log = logging.getLogger(__name__)
@@ -76,7 +76,7 @@ class SessionConnection:
         self._secret: Secret | None = read_resume(secret_file, invitation) if secret_file else None
         self._was_admitted = self._spares_secret = False
         self._rejected: Counter[str] = Counter()
-        self._way: Way | None = None
+        self._way: ClientTransport | None = None
         self.protocol: SessionClient | None = None
         self.failure: PeerError | Unavailable | None = None
 
@@ -100,7 +100,7 @@ class SessionConnection:
             self.failure = failure
             self._on_lost()
 
-    async def transmit(self, say: Say) -> None:
+    async def transmit(self, say: SealRecord) -> None:
         """Seal a record, and send it. Raises: SessionOver; Unavailable: the connection is lost."""
         if self.failure:
             raise self.failure
@@ -108,13 +108,13 @@ class SessionConnection:
             raise Unavailable(*LOST)
         try:
             await self._way.send(say(_now_ms()))
-        except AWAY as error:
+        except CONNECTION_ERRORS as error:
             raise Unavailable(*LOST) from error
 
     async def leave(self) -> None:
         """End the session; the resume secret stays valid."""
         self.fail(SessionOver(None, "this client has left"))
-        with contextlib.suppress(*AWAY):
+        with contextlib.suppress(*CONNECTION_ERRORS):
             async with asyncio.timeout(CLOSE_S):
                 if self.protocol and not self.protocol.is_over:
                     await self._carry_out(self.protocol.leave(_now_ms()))
@@ -130,7 +130,7 @@ class SessionConnection:
                 admitted = await self._connect()
             except (PeerError, Unavailable) as error:
                 self.fail(error)
-            except AWAY as error:
+            except CONNECTION_ERRORS as error:
                 why = f": {error}" if str(error) else ""
             else:
                 if admitted:
@@ -155,10 +155,10 @@ class SessionConnection:
         self._rejected = self.rejected
         self.protocol = protocol = SessionClient(config, invitation, os.urandom, self._name)
         longest = UPDATE.size + config.max_to_client_bytes + TAG_BYTES
-        way: Way = (
-            BrokerWay(invitation, self._rejected)
+        way: ClientTransport = (
+            BrokerTransport(invitation, self._rejected)
             if invitation.broker
-            else WebsocketWay(self.url, longest, self._rejected)
+            else WebsocketTransport(self.url, longest, self._rejected)
         )
         admitted = False
         async with way:
@@ -175,10 +175,10 @@ class SessionConnection:
                 ticks.cancel()
         return admitted
 
-    async def _tick(self, way: Way, protocol: SessionClient) -> None:
+    async def _tick(self, way: ClientTransport, protocol: SessionClient) -> None:
         while not protocol.is_over:
             await asyncio.sleep(1)
-            with contextlib.suppress(*AWAY):  # the reading task handles the error
+            with contextlib.suppress(*CONNECTION_ERRORS):  # the reading task handles the error
                 await self._carry_out(protocol.tick(_now_ms()))
         await way.close()
 
@@ -187,8 +187,8 @@ class SessionConnection:
             match event:
                 case Transmit() if self._way:
                     await self._way.send(event)
-                case Hear(topics) if self._way:
-                    await self._way.hear(topics)
+                case SetTopics(topics) if self._way:
+                    await self._way.set_topics(topics)
                 case KeepSecret(secret, lifetime_s):
                     await self._keep(secret, lifetime_s)
                 case Ended(why):

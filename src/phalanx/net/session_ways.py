@@ -22,14 +22,14 @@ CONNECT_S = 10.0
 HEARTBEAT_S = 20.0
 UNREAD = 256  # messages in the queue; further ones wait in the broker's connection, which may drop them
 # Errors that are raised without a connection.
-AWAY = (OSError, aiohttp.ClientError, TimeoutError)
+CONNECTION_ERRORS = (OSError, aiohttp.ClientError, TimeoutError)
 
 
-class Way(Protocol):
+class ClientTransport(Protocol):
     """One connection. Use as `async with`: entered once it is established."""
 
     async def __aenter__(self) -> Self:
-        """Connect. Raises: AWAY; Unavailable: the broker refuses the connection."""
+        """Connect. Raises: CONNECTION_ERRORS; Unavailable: the broker refuses the connection."""
 
     async def __aexit__(self, *_: object) -> None:
         """Disconnect."""
@@ -38,16 +38,16 @@ class Way(Protocol):
         """Yield received messages until the connection is closed."""
 
     async def send(self, message: Transmit) -> None:
-        """Send a message. Raises: AWAY."""
+        """Send a message. Raises: CONNECTION_ERRORS."""
 
-    async def hear(self, topics: tuple[str, ...]) -> None:
+    async def set_topics(self, topics: tuple[str, ...]) -> None:
         """Set the topics to receive from to exactly these."""
 
     async def close(self) -> None:
         """End `messages`."""
 
 
-class WebsocketWay:
+class WebsocketTransport:
     """Websocket. `max_bytes` limits a message; `rejected` counts messages that are not binary."""
 
     def __init__(self, url: str, max_bytes: int, rejected: Counter[str]) -> None:
@@ -82,11 +82,11 @@ class WebsocketWay:
                 self._rejected["unexpected"] += 1
 
     async def send(self, message: Transmit) -> None:
-        """Send a message. Raises: AWAY."""
+        """Send a message. Raises: CONNECTION_ERRORS."""
         assert self._socket is not None, "it is entered first"
         await self._socket.send_bytes(message.data)
 
-    async def hear(self, topics: tuple[str, ...]) -> None:
+    async def set_topics(self, topics: tuple[str, ...]) -> None:
         """Do nothing: there are no topics here."""
 
     async def close(self) -> None:
@@ -95,7 +95,7 @@ class WebsocketWay:
             await end_websocket(self._socket)
 
 
-class BrokerWay:
+class BrokerTransport:
     """Topics on an invitation's broker. A connection does not mean that the swarm is reachable."""
 
     def __init__(self, invitation: Invitation, rejected: Counter[str]) -> None:
@@ -128,11 +128,11 @@ class BrokerWay:
             yield data
 
     async def send(self, message: Transmit) -> None:
-        """Send a message. Raises: AWAY."""
+        """Send a message. Raises: CONNECTION_ERRORS."""
         if not await self._link.send((Publish(f"{self._root}/{message.topic}", message.data),)):
             raise ConnectionError("the broker is unreachable")
 
-    async def hear(self, topics: tuple[str, ...]) -> None:
+    async def set_topics(self, topics: tuple[str, ...]) -> None:
         """Set the subscriptions to exactly these topics; a reconnect repeats those that failed."""
         wanted, before = tuple(f"{self._root}/{each}" for each in topics), self._topics
         self._topics = wanted

@@ -1,6 +1,7 @@
 """HTTP server for a page: limits of connections and requests, and security headers.
 
-The operator's page has an event loop of its own (`beside`), so that a busy gateway does not delay an emergency stop.
+The operator's page has an event loop of its own (`serve_in_thread`), so that a busy gateway does not delay an
+emergency stop.
 The visitors' page, which strangers reach, has a process of its own (`front`): in a thread of the gateway, a few clients
 with endless requests delayed a third of all commands.
 """
@@ -22,7 +23,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.web_protocol import RequestHandler
 
 from .ports import LOOPBACK, listen
-from .seats import Seats, a_share, place_of
+from .seats import Seats, connection_limit, place_of
 
 # A page has some 600 KB: a phone that cannot load it in this time cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
@@ -72,7 +73,7 @@ class Site:
         self._folder = folder
         self._doors = doors
         self._listening: list[asyncio.Server] = []
-        self._seats = Seats[Connection](a_share(connections, FILES_EACH))
+        self._seats = Seats[Connection](connection_limit(connections, FILES_EACH))
         headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
 
         @web.middleware
@@ -116,7 +117,7 @@ class Site:
 
     def know(self, request: web.Request) -> None:
         """Protect the seat of this request's connection from being given to strangers."""
-        self._seats.know(connection_of(request))
+        self._seats.mark_known(connection_of(request))
 
     async def _index(self, _: web.Request) -> web.StreamResponse:
         index = self._folder / "index.html"
@@ -237,7 +238,7 @@ async def _for_this_machine_only(_: web.Request) -> web.StreamResponse:
 
 
 @contextlib.asynccontextmanager
-async def beside(pages: Served) -> AsyncIterator[Served]:
+async def serve_in_thread(pages: Served) -> AsyncIterator[Served]:
     """Serve a site by an event loop in a separate thread while the context lasts."""
     runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
     loop = runner.get_loop()

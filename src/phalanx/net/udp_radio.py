@@ -57,7 +57,7 @@ class Radio(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Allowance:
+class PeerLimits:
     """Receive limits of one peer: at most what its a-node lets it send.
 
     Attributes:
@@ -76,7 +76,7 @@ class Allowance:
 class _Peer:
     """A peer's socket, and its remaining allowance."""
 
-    def __init__(self, here: Address, address: Address, room: int, may: Allowance, *, shared: bool) -> None:
+    def __init__(self, here: Address, address: Address, room: int, may: PeerLimits, *, shared: bool) -> None:
         self.address = address
         self.socket = _made(_family(here), room * LONGEST_TAKES)
         try:
@@ -116,7 +116,7 @@ class _Peer:
         return True
 
 
-ANYTHING = Allowance()
+ANYTHING = PeerLimits()
 
 
 class UdpRadio:
@@ -133,10 +133,10 @@ class UdpRadio:
     Raises: UsageError: an address is not valid; Unavailable: it cannot listen there.
     """
 
-    def __init__(self, here: str, peers: Sequence[str], group: str = "", may: Allowance = ANYTHING) -> None:
-        self._here = parsed(here)
-        addresses = list(dict.fromkeys(map(parsed, peers)))
-        self._to = [parsed(group)] if group else addresses
+    def __init__(self, here: str, peers: Sequence[str], group: str = "", may: PeerLimits = ANYTHING) -> None:
+        self._here = parse_address(here)
+        addresses = list(dict.fromkeys(map(parse_address, peers)))
+        self._to = [parse_address(group)] if group else addresses
         self._refused = {"foreign": 0, "too_large": 0, "empty": 0, "too_many": 0}
         self.came_from: Address = ("", 0)
         family = _family(self._here)
@@ -270,7 +270,7 @@ class UdpRadio:
             each.close()
 
 
-def parsed(text: str) -> Address:
+def parse_address(text: str) -> Address:
     """Parse "ADDRESS:PORT". Raises: UsageError: not valid."""
     host, _, port = text.rpartition(":")
     try:

@@ -24,7 +24,7 @@ CLOSE_S = 1.0
 
 
 @contextlib.asynccontextmanager
-async def by_websocket(broker: BrokerUrl) -> AsyncIterator[socket.socket]:
+async def websocket_as_socket(broker: BrokerUrl) -> AsyncIterator[socket.socket]:
     """Yield a socket that is connected to the broker. Raises: MqttError, OSError: there is no websocket."""
     ours, theirs = socket.socketpair()
     ours.setblocking(False)

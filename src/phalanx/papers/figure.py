@@ -70,7 +70,7 @@ class Figure:
         """Return the path of the figure's CSV in `folder`."""
         return folder / f"{self.name}.csv"
 
-    def asked(self, given: Mapping[str, Any], *, quick: bool = False) -> dict[str, Any]:
+    def option_values(self, given: Mapping[str, Any], *, quick: bool = False) -> dict[str, Any]:
         """Return the values of all options: as given, else as in the quick form if `quick`, else the default."""
         small = self.quick if quick else {}
         return {each.name: small.get(each.name, each.default) for each in self.options} | dict(given)

@@ -37,7 +37,7 @@ from .figure import Figure
 Rows = NDArray[np.float64]
 END = "# end "
 MOST_BYTES = 1 << 30
-ELSEWHERE = "use another folder with --out, or move the file away"
+OTHER_FOLDER_HINT = "use another folder with --out, or move the file away"
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,12 +142,12 @@ class TableFile:
             return
         self.table, whole = _parse(self.path, data, begin.figure)
         if self.table.columns != begin.columns:
-            raise UsageError(f"{self.path} has other columns", ELSEWHERE)
+            raise UsageError(f"{self.path} has other columns", OTHER_FOLDER_HINT)
         for name, ours in begin.origin.items():
             theirs = self.table.origin.get(name)
             if theirs != ours and name not in begin.free:
                 shown = f" {theirs}, this run has {ours}" if len(f"{theirs}{ours}") < 80 else " than this run"
-                raise UsageError(f"{self.path} was measured with another {name}:{shown}", ELSEWHERE)
+                raise UsageError(f"{self.path} was measured with another {name}:{shown}", OTHER_FOLDER_HINT)
         self._check(self.table)
         self.done = set(self.table.cases)
         self._truncate(whole)
@@ -209,7 +209,9 @@ def seed_of(case: str) -> int:
 EachCase = Callable[[Figure, Sequence[str], Callable[[float], None]], Iterable[tuple[str, Any]]]
 
 
-def one_by_one(figure: Figure, todo: Sequence[str], on_share: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
+def measure_serially(
+    figure: Figure, todo: Sequence[str], on_share: Callable[[float], None]
+) -> Iterator[tuple[str, Any]]:
     """Measure the cases in this process; an `EachCase`."""
     for case in todo:
         yield case, figure.body.measure_case(case, on_share)
@@ -220,7 +222,7 @@ def measure(
     figure: Figure,
     seeds: int,
     on_progress: Callable[[float, int], None] = lambda _done, _of: None,
-    each: EachCase = one_by_one,
+    each: EachCase = measure_serially,
 ) -> Path:
     """Measure all missing cases of a figure into its CSV in `folder`, and return the CSV's path.
 
@@ -255,7 +257,7 @@ def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
     try:
         table = _parse_head(lines, figure)
     except (ValueError, KeyError, IndexError, TypeError) as error:
-        raise UsageError(f"{path} is not a CSV of {figure or 'a figure'}", ELSEWHERE) from error
+        raise UsageError(f"{path} is not a CSV of {figure or 'a figure'}", OTHER_FOLDER_HINT) from error
     at = whole = len(lines[0]) + len(lines[1]) + 2
     rows: list[list[str]] = []
     for number, line in enumerate(lines[2:], start=3):
@@ -269,7 +271,7 @@ def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
             else:
                 _end_case(table, text, rows)
         except (ValueError, TypeError) as error:
-            raise UsageError(f"line {number} of {path} is malformed", ELSEWHERE) from error
+            raise UsageError(f"line {number} of {path} is malformed", OTHER_FOLDER_HINT) from error
         if table.by_line:
             table.lines.append((number, rows.pop()))
         if not rows:

@@ -203,7 +203,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
         return handle_audit(f, i, w, now, packet, length)
     if s.profile == PAPER and length >= ID_AT + ID_BYTES and packet[0] in dispatch.STATE_KINDS:
         # As in the paper: auditors are chosen among the senders of states.
-        rounds.heard(f, i, get_u16(packet, ID_AT), now)
+        rounds.mark_in_range(f, i, get_u16(packet, ID_AT), now)
     if s.controller:
         r, t = f.robot[i], get_u32(w.entry, ENTRY_T)
         r.state_len = dispatch.on_recv(s.controller, f.params, int(r.id), t, packet, length, f.state[i])
@@ -219,7 +219,7 @@ def handle_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) 
     src, dst, sub = get_u16(packet, request.AT_SRC), get_u16(packet, request.AT_DST), int(packet[request.AT_SUB])
     if src == 0 or src == r.id or (dst != 0 and dst != r.id):
         return NOTHING
-    rounds.heard(f, i, src, now)
+    rounds.mark_in_range(f, i, src, now)
     if sub == request.FRAGMENT:
         return store_fragment(f, i, w, now, packet, length, src)
     if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:

@@ -69,7 +69,7 @@ def entries_of(raw: bytes) -> Iterator[Entry]:
 
 
 @reading_peer()
-def first_lie(
+def first_dishonest_entry(
     raw: bytes, rob_id: int, t_key_ms: int, config: BtiConfig, make: Callable[[int], Controller], mission_seed: int
 ) -> Finding | None:
     """Return the first entry that an honest robot's log would not contain; None for an honest log.

@@ -41,12 +41,12 @@ class Member:
     threshold_mm: float = DEFAULT_THRESHOLD_MM
     history: deque[Point] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
-    def seen(self, at: Point, direction_deg: int, battery_v: float, heard_at_s: float) -> Robot:
+    def snapshot(self, at: Point, direction_deg: int, battery_v: float, heard_at_s: float) -> Robot:
         """Return the robot with its current position, direction and battery voltage."""
         rest = self.led, self.route, self.threshold_mm, heard_at_s, self.history
         return Robot(self.address, self.name, at, direction_deg % 360, battery_v, *rest)
 
-    def went(self, x_mm: float, y_mm: float, step_mm: float) -> None:
+    def append_position(self, x_mm: float, y_mm: float, step_mm: float) -> None:
         """Append a point to the trail if it is at least a step away from the last one."""
         last = self.history[-1] if self.history else None
         if last is None or (x_mm - last.x_mm) ** 2 + (y_mm - last.y_mm) ** 2 >= step_mm**2:

@@ -40,7 +40,7 @@ class Air(Protocol):
     def is_busy(self) -> bool:
         """Return whether the last packet is still waiting to be sent."""
 
-    def is_deaf(self, robot: int) -> bool:
+    def is_permanently_stopped(self, robot: int) -> bool:
         """Return whether the robot is known to be stopped permanently."""
 
     def say(self, packet: bytes, robot: int) -> None:
@@ -67,7 +67,7 @@ class Station:
         self._waiting: dict[tuple[int, int], Make] = {}
         self._told: dict[int, int] = {}
 
-    def tell(self, robot: int, kind: int, make: Make) -> None:
+    def queue_order(self, robot: int, kind: int, make: Make) -> None:
         """Queue an order for the robot, replacing a queued one of the same kind; thread-safe."""
         self._waiting[robot, kind] = make
 
@@ -85,18 +85,18 @@ class Station:
         """Return whether an order is queued, or a broadcast is being repeated."""
         return bool(self._waiting or self._at_once)
 
-    def told(self, robot: int) -> int | None:
+    def last_order_number(self, robot: int) -> int | None:
         """Return the number of the last order sent to the robot; None while an order to move is queued."""
         return None if (robot, MOTION) in self._waiting else self._told.get(robot, 0)
 
-    def speak(self, air: Air, now_s: float, said_ms: int) -> float:
-        """Send the next packet that is due, at most one; `said_ms` is the signers' clock.
+    def send_due(self, air: Air, now_s: float, order_ms: int) -> float:
+        """Send the next packet that is due, at most one; `order_ms` is the signers' clock.
 
         Returns: when to call again, s; infinity if nothing is queued.
         """
         self._receive_stop(now_s)
-        if now_s >= self._may_speak_at_s and not air.is_busy() and not self._broadcast_order(air, now_s, said_ms):
-            self._send_order(air, now_s, said_ms)
+        if now_s >= self._may_speak_at_s and not air.is_busy() and not self._broadcast_order(air, now_s, order_ms):
+            self._send_order(air, now_s, order_ms)
         pace_s = 1 / ORDERS_PER_S if self.has_pending_order else math.inf
         return now_s + pace_s
 
@@ -116,26 +116,26 @@ class Station:
         # Reset the log limits: a robot that stands still has room in its log again.
         self._may_order_at_s.clear()
 
-    def _broadcast_order(self, air: Air, now_s: float, said_ms: int) -> bool:
+    def _broadcast_order(self, air: Air, now_s: float, order_ms: int) -> bool:
         if now_s >= self._operator_at_s:
             self._operator_at_s = now_s + (AGAIN_S if self._at_once else BEACON_S)
             self._at_once = max(0, self._at_once - 1)
-            packet = self.operator.stop(said_ms) if self._was_held else self.operator.go(said_ms)
+            packet = self.operator.stop(order_ms) if self._was_held else self.operator.go(order_ms)
         elif now_s >= self._beacon_at_s:
             self._beacon_at_s = now_s + BEACON_S
-            packet = self.gateway.beacon(said_ms)
+            packet = self.gateway.beacon(order_ms)
         else:
             return False
         self._say(air, packet, EVERYBODY, now_s)
         return True
 
-    def _send_order(self, air: Air, now_s: float, said_ms: int) -> None:
+    def _send_order(self, air: Air, now_s: float, order_ms: int) -> None:
         for robot, kind in list(self._waiting):
-            if air.is_deaf(robot):
+            if air.is_permanently_stopped(robot):
                 del self._waiting[robot, kind]
             # While `go` is being broadcast, robots that have not received it would ignore orders to move.
             elif now_s >= self._may_order_at_s.get(robot, 0.0) and not (kind == MOTION and self._at_once):
-                packet = self._waiting.pop((robot, kind))(robot, said_ms)
+                packet = self._waiting.pop((robot, kind))(robot, order_ms)
                 self._told[robot] = self.gateway.number
                 self._may_order_at_s[robot] = now_s + (ENTRY_HEADER_BYTES + len(packet)) / ORDER_BYTES_PER_S
                 self._say(air, packet, robot, now_s)
@@ -193,4 +193,4 @@ class Ordered(Roster):
         self._members[i].threshold_mm = threshold_mm
 
     def _tell(self, i: int, kind: int, make: partial[bytes]) -> None:
-        self._station.tell(self._ids[i], kind, make)
+        self._station.queue_order(self._ids[i], kind, make)

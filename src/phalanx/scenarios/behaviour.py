@@ -28,7 +28,7 @@ MakeController = Callable[[int], Controller]
 FOREVER_MS = (1 << 32) - 1
 
 
-def driving(scenario: Scenario) -> Declaration:
+def declaration_of(scenario: Scenario) -> Declaration:
     """Return the declaration of the scenario's controller; a protocol in Python has that of the flock controller."""
     return dispatch.BUNDLED.get(scenario.controller, dispatch.BUNDLED["flock"])
 
@@ -39,7 +39,7 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
     Args:
         mission: number of the mission's key.
     """
-    bundled = driving(scenario)
+    bundled = declaration_of(scenario)
     if bundled.config is WheelsConfig:
         return bundled.params(
             WheelsConfig(
@@ -77,7 +77,7 @@ def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario
     return replace(scenario, bti=replace(scenario.bti, **longest))
 
 
-def on_stage(
+def with_protocol(
     scenario: Scenario, controller: MakeController | None
 ) -> tuple[Scenario, MakeController | None, Stage | None]:
     """Return the scenario adapted to a protocol's readings and states, the protocol's controllers, and its stage.
@@ -93,14 +93,14 @@ def on_stage(
     return scenario, controller or make, protocol.stage(task)
 
 
-def adviser(
+def planner_factory(
     scenario: Scenario, controller: MakeController | None, planner: MakePlanner | None = None
 ) -> MakePlanner | None:
     """Return the factory of the robots' planners, None if their controller is not the guard.
 
     Raises: UsageError: a planner without the guard.
     """
-    advised = driving(scenario).advised is not None and controller is None
+    advised = declaration_of(scenario).advised is not None and controller is None
     if planner and not advised:
         raise UsageError("a planner, but no controller that takes its advice", "use a scenario with controller: guard")
     return planner or ToGoal if advised else None

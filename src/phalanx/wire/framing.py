@@ -21,7 +21,7 @@ class BadFrame(PeerError):
     """The bytes between two marks are no valid frame: altered, cut off, or noise."""
 
 
-def framed(payload: bytes) -> bytes:
+def encode_frame(payload: bytes) -> bytes:
     """Encode a payload as a frame, with its marks."""
     rest = payload + zlib.crc32(payload).to_bytes(CRC_BYTES, "little")
     blocks, at = [_MARK], 0
@@ -35,7 +35,7 @@ def framed(payload: bytes) -> bytes:
         at = end if end - at == RUN_MAX else end + 1
 
 
-def opened(frame: bytes) -> bytes:
+def decode_frame(frame: bytes) -> bytes:
     """Decode the bytes between two marks, and return the payload.
 
     Raises: BadFrame: cut off, or the CRC does not match.
@@ -65,7 +65,7 @@ class Frames:
     def __init__(self, longest: int) -> None:
         """Limit payloads to `longest` bytes, and the buffer to one frame of that length."""
         self._longest = longest
-        self._most = len(framed(bytes([RUN_MAX]) * longest))
+        self._most = len(encode_frame(bytes([RUN_MAX]) * longest))
         self._rest = b""
         self.bad = 0
 
@@ -76,7 +76,7 @@ class Frames:
         self._rest = rest[: self._most]
         for frame in filter(None, frames):
             try:
-                payload = opened(frame) if len(frame) < self._most else b""
+                payload = decode_frame(frame) if len(frame) < self._most else b""
             except BadFrame:
                 payload = b""
             if 0 < len(payload) <= self._longest:

@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 import aiohttp
 
 from phalanx.errors import PeerError, TooLarge, Unavailable, UsageError, did_you_mean
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 
 from .stream import ANY_AREA_MM, TRAIL_POINTS, Dotbot, Fleet, area_of
 
@@ -283,7 +283,7 @@ async def _text(socket: aiohttp.ClientWebSocketResponse) -> str:
 
 async def _hear_refusals(orders: aiohttp.ClientWebSocketResponse) -> None:
     """Log refused commands, rate-limited: the controller answers a command only if it refuses it."""
-    pace = Pace(*REFUSALS, time.monotonic())
+    pace = TokenBucket(*REFUSALS, time.monotonic())
     while True:
         words = await _text(orders)
         if not pace.wait_s(time.monotonic()):

@@ -162,7 +162,7 @@ class RosSwarm(Roster):
             there = self._odom_in_map.get(body.name, Place()).of(there)
         body.at, body.heard_at_s = there, time.time()
         point, _ = pose_of(self._area, there)
-        self._members[i].went(point.x_mm, point.y_mm, HISTORY_STEP_MM)
+        self._members[i].append_position(point.x_mm, point.y_mm, HISTORY_STEP_MM)
 
     def _tell(self, i: int, body: _Body, now_s: float) -> None:
         if body.out is None:
@@ -213,7 +213,7 @@ class RosSwarm(Roster):
     def robots(self) -> Sequence[Robot]:
         """Return all robots heard so far, at their odometry's positions."""
         return [
-            each.seen(*pose_of(self._area, body.at), body.battery_v, body.heard_at_s)
+            each.snapshot(*pose_of(self._area, body.at), body.battery_v, body.heard_at_s)
             for each, body in zip(self._members, self._bodies, strict=False)
             if body.heard_at_s
         ]

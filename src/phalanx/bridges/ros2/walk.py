@@ -223,7 +223,7 @@ class RosWalk:
         told.pose.pose.position.x, told.pose.pose.position.y = base.x_m, base.y_m
         told.pose.pose.orientation.z = math.sin(base.yaw_rad / 2)
         told.pose.pose.orientation.w = math.cos(base.yaw_rad / 2)
-        spread = controller.memory.belief.doubt
+        spread = controller.memory.belief.pose_covariance
         for where, share in ((X, spread[0]), (Y, spread[3]), (YAW, spread[-1])):
             told.pose.covariance[where] = share
         self._pose.publish(told)

@@ -8,7 +8,7 @@ import click
 
 from phalanx.cli import options
 from phalanx.cli.complete import a_scenario_s_controller, an_attack
-from phalanx.cli.options import OUT_FOLDER, option, runs
+from phalanx.cli.options import OUT_FOLDER, implemented_by, option
 
 
 @click.group(epilog="Example: phalanx attack run spoof --defence none")
@@ -18,7 +18,7 @@ def attack() -> None:
 
 @attack.command("list", epilog="Example: phalanx attack list --json")
 @options.json_option
-@runs("lists", "list_attacks")
+@implemented_by("lists", "list_attacks")
 def list_attacks() -> None:
     """List all attacks, by robots and on missions, and what each defence does against them."""
 
@@ -33,7 +33,7 @@ def list_attacks() -> None:
 @options.swarm_options
 @options.controller_option
 @options.json_option
-@runs("attack", "run")
+@implemented_by("attack", "run")
 def run() -> None:
     """Run the attack NAME and the same run without it. Print the damage, and when the robot was stopped.
 
@@ -63,7 +63,7 @@ def run() -> None:
 @options.cluster_options
 @option("--out", type=OUT_FOLDER, default=Path("out/scorecard"), help="Folder for the runs, the CSV and the pictures.")
 @options.json_option
-@runs("scorecard", "scorecard")
+@implemented_by("scorecard", "scorecard")
 def scorecard() -> None:
     """Run every attack against every defence in every protocol, and write a table of damage, stops and cost.
 

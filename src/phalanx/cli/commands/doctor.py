@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from phalanx.cli import options
-from phalanx.cli.options import option, runs
+from phalanx.cli.options import implemented_by, option
 
 
 @click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")
@@ -14,6 +14,6 @@ from phalanx.cli.options import option, runs
 @options.root_option
 @options.login_option
 @options.json_option
-@runs("doctor", "doctor")
+@implemented_by("doctor", "doctor")
 def doctor() -> None:
     """Check the installation, free ports, the clock, and whether a broker is reachable."""

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from phalanx.cli.complete import a_scenario
-from phalanx.cli.options import FILE, json_option, option, out_option, passphrase_option, runs
+from phalanx.cli.options import FILE, implemented_by, json_option, option, out_option, passphrase_option
 
 file_argument = click.argument("file", type=FILE)
 robot_argument = click.argument("robot", type=int)
@@ -22,7 +22,7 @@ def keys() -> None:
 @file_argument
 @option("--name", help="Name of the swarm. Default: the file's name.", default="")
 @passphrase_option
-@runs("keys", "make")
+@implemented_by("keys", "make")
 def create() -> None:
     """Create a key file, encrypted with a passphrase. Without the passphrase the boards have to be replaced."""
 
@@ -32,7 +32,7 @@ def create() -> None:
 @robot_argument
 @out_option("File for the board: the robot's id (2 bytes) and its master key (20 bytes).")
 @passphrase_option
-@runs("keys", "provision")
+@implemented_by("keys", "provision")
 def provision() -> None:
     """Create the master key of a robot's trusted nodes and write it to a file. Works once per robot."""
 
@@ -48,7 +48,7 @@ def provision() -> None:
     help="Mission that the key is for: signed into the file, and checked by phalanx robot verify.",
 )
 @passphrase_option
-@runs("keys", "issue")
+@implemented_by("keys", "issue")
 def issue() -> None:
     """Issue the next mission's key to all robots that are not retired."""
 
@@ -67,7 +67,7 @@ def rotate(context: click.Context, /, **options: Any) -> None:
 @file_argument
 @robot_argument
 @passphrase_option
-@runs("keys", "retire")
+@implemented_by("keys", "retire")
 def retire() -> None:
     """Exclude a lost robot from all future missions."""
 
@@ -76,7 +76,7 @@ def retire() -> None:
 @file_argument
 @json_option
 @passphrase_option
-@runs("keys", "show")
+@implemented_by("keys", "show")
 def list_() -> None:
     """List the robots that have a master key, the number of missions issued, and the public keys."""
 
@@ -87,7 +87,7 @@ def list_() -> None:
 @out_option("PEM file, for mission build --sign-key; with --public, for mission verify --trust.")
 @option("--public", is_flag=True, help="Write the public key instead, to verify signatures.")
 @passphrase_option
-@runs("keys", "export")
+@implemented_by("keys", "export")
 def export() -> None:
     """Write the key that signs missions, a gateway's orders, an operator's stops, or a planner's advice."""
 
@@ -96,6 +96,6 @@ def export() -> None:
 @file_argument
 @passphrase_option
 @option("--new-passphrase-file", help="File whose first line is the new passphrase. Default: prompt for it.", type=FILE)
-@runs("keys", "renew_passphrase")
+@implemented_by("keys", "renew_passphrase")
 def passphrase() -> None:
     """Encrypt the file with another passphrase."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from phalanx.cli import options
-from phalanx.cli.options import option, runs
+from phalanx.cli.options import implemented_by, option
 
 
 @click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#j=…'")
@@ -31,7 +31,7 @@ def link() -> None:
 @option("--keep", help="File that stores the session, to resume it on the next visit.", type=options.OUT_FILE)
 @option("--timeout", help="Seconds to wait.", type=click.FloatRange(0.1, 3600), default=10.0)
 @options.json_option
-@runs("link", "connect")
+@implemented_by("link", "connect")
 def connect() -> None:
     """Visit a swarm: list its robots, drive one, or watch.
 
@@ -53,7 +53,7 @@ def connect() -> None:
 @option("--sheet", help="Write an HTML page with one card for each --robot, or for every robot.", type=options.OUT_FILE)
 @options.state_option
 @options.json_option
-@runs("invite", "invite")
+@implemented_by("invite", "invite")
 def invite() -> None:
     """Create a ticket at a running gateway and print its link, or create a sheet with a ticket for each robot."""
 
@@ -61,7 +61,7 @@ def invite() -> None:
 @link.command(epilog="Example: phalanx link people")
 @options.state_option
 @options.json_option
-@runs("people", "people")
+@implemented_by("people", "people")
 def people() -> None:
     """List the visitors of a running gateway: connected ones, and those who can return."""
 
@@ -71,7 +71,7 @@ def people() -> None:
 @option("--everybody", help="Remove all visitors except operators.", is_flag=True)
 @options.state_option
 @options.json_option
-@runs("people", "kick")
+@implemented_by("people", "kick")
 def kick() -> None:
     """Remove a visitor permanently; NAME is the visitor's name or number.
 
@@ -86,7 +86,7 @@ def kick() -> None:
 @option("--watch/--drive", "watches", help="Allow the visitor to watch only, or to drive again.", default=None)
 @options.state_option
 @options.json_option
-@runs("people", "approve")
+@implemented_by("people", "approve")
 def approve() -> None:
     """Admit a waiting visitor; NAME is the visitor's name or number."""
 
@@ -97,7 +97,7 @@ def approve() -> None:
 @option("--none", help="Release the robot that the visitor has.", is_flag=True)
 @options.state_option
 @options.json_option
-@runs("people", "assign")
+@implemented_by("people", "assign")
 def assign() -> None:
     """Assign a robot to a visitor until it is released; NAME is a visitor's name or number, ROBOT a name or address."""
 
@@ -106,7 +106,7 @@ def assign() -> None:
 @click.argument("robot")
 @options.state_option
 @options.json_option
-@runs("revive", "revive")
+@implemented_by("revive", "revive")
 def revive() -> None:
     """Restart a stopped simulated robot, with its honest controller; ROBOT is its name or address.
 
@@ -122,7 +122,7 @@ def trail() -> None:
 @trail.command(epilog="Example: phalanx link trail export > trail.jsonl")
 @click.argument("file", required=False, type=options.FILE)
 @options.state_option
-@runs("invite", "export")
+@implemented_by("invite", "export")
 def export() -> None:
     """Print the trail, one JSON object per line. Exit with 2 at the first line that was changed."""
 
@@ -131,6 +131,6 @@ def export() -> None:
 @click.argument("file", required=False, type=options.FILE)
 @options.state_option
 @option("--top", help="Hash that an earlier check printed. If the trail lacks it, its end was cut off.", metavar="HASH")
-@runs("invite", "verify")
+@implemented_by("invite", "verify")
 def verify() -> None:
     """Check that no line of the trail was changed or removed, and print the hash of the last line."""

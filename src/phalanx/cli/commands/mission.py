@@ -9,7 +9,7 @@ import click
 
 from phalanx.cli import options
 from phalanx.cli.complete import a_map, a_mission, a_mission_or_encoded, an_encoded_mission
-from phalanx.cli.options import FILE, option, out_option, runs
+from phalanx.cli.options import FILE, implemented_by, option, out_option
 
 OWN_MAP = "Your own building: phalanx docs guides/maps."
 PROFILES = click.Choice(["paper", "sealed"])
@@ -77,7 +77,7 @@ def mission() -> None:
 @offset_option
 @option("--seed", help="Seed for reproducible output. For tests only: the secrets can be guessed.", type=int)
 @options.json_option
-@runs("mission.author", "build_files")
+@implemented_by("mission.author", "build_files")
 def build() -> None:
     """Encode a mission and write its start key to OUT.key.
 
@@ -89,7 +89,7 @@ def build() -> None:
 @mission.command(epilog="Example: phalanx mission inspect office.phxm --json")
 @file_argument
 @options.json_option
-@runs("mission.author", "inspect")
+@implemented_by("mission.author", "inspect")
 def inspect() -> None:
     """Show the unencrypted content of an encoded mission: header, nodes, and how they are connected."""
 
@@ -102,7 +102,7 @@ def inspect() -> None:
 @option("--robot", help="Also check that this robot may run it.", type=click.IntRange(0, 65_535))
 @option("--at", "now_s", help="Time to check for, in seconds on the mission's clock. Default: now.", type=float)
 @options.json_option
-@runs("mission.author", "verify")
+@implemented_by("mission.author", "verify")
 def verify() -> None:
     """Check that a mission is complete and signed. If not, print the reason and exit with 1.
 
@@ -123,7 +123,7 @@ def verify() -> None:
     "--trial", help="Also simulate the mission this many times, each with another seed.", type=click.IntRange(1, 1000)
 )
 @options.json_option
-@runs("mission.worth", "tell_worth")
+@implemented_by("mission.worth", "print_audit")
 def audit() -> None:
     """Report how hard a captured mission is to read, and where robots would fail to follow it.
 
@@ -140,7 +140,7 @@ def audit() -> None:
 @start_option
 @option("--run", "simulate", help="Simulate a robot for each part on the map, and draw its path.", is_flag=True)
 @option("--seed", help="Seed of --run.", type=click.IntRange(0), default=0)
-@runs("mission.author", "draw")
+@implemented_by("mission.author", "draw")
 def draw() -> None:
     """Draw a mission's landmarks and paths on its map.
 
@@ -156,7 +156,7 @@ def draw() -> None:
 @offset_option
 @option("--budget", help="Stop after this many seconds.", type=click.FloatRange(min=0.1), default=30.0)
 @options.json_option
-@runs("mission.crack", "crack")
+@implemented_by("mission.crack", "crack")
 def crack() -> None:
     """Try to read a captured mission by brute force until the budget is used up. Exit with 1 if nothing was found."""
 
@@ -225,7 +225,7 @@ def crack() -> None:
 @option("--seed", help="Seed of all random numbers.", default=0)
 @options.record_option
 @options.json_option
-@runs("mission.run", "run")
+@implemented_by("mission.run", "run")
 def run() -> None:
     """Run a mission in a simulated building. Exit with 1 if a robot did not complete it.
 
@@ -247,7 +247,7 @@ def run() -> None:
 @option("--key", help="Start key of a sealed FILE; without, FILE.key.", type=FILE)
 @option("--trust", help="Refuse a FILE that none of these keys signed; repeatable.", multiple=True, metavar="KEY")
 @options.json_option
-@runs("mission.ros2", "ros2")
+@implemented_by("mission.ros2", "ros2")
 def ros2() -> None:
     """Run an encoded mission on a ROS 2 robot: scan and odom in, cmd_vel out. Exit with 1 if not completed.
 

@@ -7,7 +7,15 @@ from typing import Any
 
 import click
 
-from phalanx.cli.options import PROCESSES, json_option, login_option, option, out_folder_option, runs, together
+from phalanx.cli.options import (
+    PROCESSES,
+    combine_options,
+    implemented_by,
+    json_option,
+    login_option,
+    option,
+    out_folder_option,
+)
 from phalanx.papers.figure import FIGURES, SEEDS, Figure
 
 NOTES = (
@@ -23,7 +31,7 @@ FINDINGS = (
 quick_option = option("--quick", help="Measure less, such as two seeds, unless options set a number.", is_flag=True)
 
 
-dealing_options = together(
+dealing_options = combine_options(
     option(
         "--scheduler",
         metavar="ADDRESS",
@@ -48,7 +56,7 @@ def reproduce() -> None:
 @dealing_options
 @out_folder_option
 @json_option
-@runs("reproduce", "reproduce_all")
+@implemented_by("reproduce", "reproduce_all")
 def reproduce_all() -> None:
     """Measure all figures and tables, and write one page that compares each with the paper.
 
@@ -59,16 +67,16 @@ def reproduce_all() -> None:
 
 
 def _command(figure: Figure) -> click.Command:
-    measure: Any = runs("reproduce", "reproduce")(lambda: None)
+    measure: Any = implemented_by("reproduce", "reproduce")(lambda: None)
     command = update_wrapper(partial(measure, figure=figure.name), measure)
     own = [
         option(f"--{each.name}", help=f"{each.help}  [default: {each.default}]", type=type(each.default))
         for each in figure.options
     ]
     dealt = [] if figure.alone else [dealing_options]
-    command = together(*[login_option] * figure.has_login, *own, quick_option, *dealt, out_folder_option, json_option)(
-        command
-    )
+    command = combine_options(
+        *[login_option] * figure.has_login, *own, quick_option, *dealt, out_folder_option, json_option
+    )(command)
     example = f"Example: phalanx reproduce {figure.name} {figure.example}"
     notes = NOTES + FINDINGS * (SEEDS in figure.options)
     return click.command(figure.name, help=f"{figure.about}.\n\n{notes}", epilog=example)(command)

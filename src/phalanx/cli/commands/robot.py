@@ -6,7 +6,7 @@ import click
 
 from phalanx.cli import options
 from phalanx.cli.complete import a_scenario, an_attack_by_robots
-from phalanx.cli.options import FILE, OUT_FOLDER, option, out_option, runs
+from phalanx.cli.options import FILE, OUT_FOLDER, implemented_by, option, out_option
 
 robot_argument = click.argument("robot", type=FILE, metavar="ROBOT.yaml")
 SHARE = click.FloatRange(0, 0.9)
@@ -19,7 +19,7 @@ def robot() -> None:
 
 @robot.command(epilog="Example: phalanx robot run robot-3.yaml; phalanx docs guides/robot says what the file may hold")
 @robot_argument
-@runs("robot", "run")
+@implemented_by("robot", "run")
 def run() -> None:
     """Run the robot in ROBOT.yaml until SIGINT or SIGTERM. Each run needs a new mission key."""
 
@@ -28,7 +28,7 @@ def run() -> None:
 @robot_argument
 @click.argument("ros", nargs=-1, metavar="[-- ROS2 ARGUMENTS]")
 @option("--namespace", default="", metavar="NAME", help="Namespace of the robot's topics and node.")
-@runs("robot", "ros2")
+@implemented_by("robot", "ros2")
 def ros2() -> None:
     """Run the robot in ROBOT.yaml as a guard between cmd_vel_raw and cmd_vel of ROS 2.
 
@@ -54,7 +54,7 @@ def ros2() -> None:
     metavar="N=ADDRESS",
     help="Accept robot N from this UDP address only; repeatable.",
 )
-@runs("robot", "advise")
+@implemented_by("robot", "advise")
 def advise() -> None:
     """Run a planner as a process, for robots whose ROBOT.yaml has its address under planner."""
 
@@ -63,7 +63,7 @@ def advise() -> None:
 @robot_argument
 @click.argument("keys", type=FILE)
 @options.passphrase_option
-@runs("robot", "provision")
+@implemented_by("robot", "provision")
 def provision() -> None:
     """Load the master key from the file KEYS into the trusted nodes that ROBOT.yaml names. Works once."""
 
@@ -113,7 +113,7 @@ def provision() -> None:
 @option("--keep", type=OUT_FOLDER, help="Keep the robots' files in this new folder. Default: delete them.")
 @options.record_option
 @options.json_option
-@runs("arena", "arena")
+@implemented_by("arena", "arena")
 def arena() -> None:
     """Run the robots of SCENARIO as processes in a simulated field, in real time, and print a summary."""
 
@@ -121,7 +121,7 @@ def arena() -> None:
 @robot.command(epilog="Example: phalanx robot status robot-3.yaml --json")
 @robot_argument
 @options.json_option
-@runs("robot", "status")
+@implemented_by("robot", "status")
 def status() -> None:
     """Show a running robot's tokens, the audits that it answered and refused, and its delays."""
 
@@ -129,7 +129,7 @@ def status() -> None:
 @robot.command(epilog="Example: phalanx robot log robot-3.yaml --out robot-3.mcap")
 @robot_argument
 @out_option("File for the recording.", metavar="FILE.mcap")
-@runs("evidence", "log")
+@implemented_by("evidence", "log")
 def log() -> None:
     """Save the log of the last mission as a recording, for phalanx robot verify."""
 
@@ -144,7 +144,7 @@ def log() -> None:
 @options.passphrase_option
 @option("--trust", multiple=True, metavar="KEY", help="Trusted signer of the mission: 64 hex digits, or a PEM file.")
 @options.json_option
-@runs("evidence", "verify")
+@implemented_by("evidence", "verify")
 def verify() -> None:
     """Replay the log in FILE, and print where the robot first deviated.
 
@@ -155,6 +155,6 @@ def verify() -> None:
 
 
 @robot.command(epilog="Example: phalanx robot schema > robot.schema.json")
-@runs("robot", "print_schema")
+@implemented_by("robot", "print_schema")
 def schema() -> None:
     """Print the JSON schema of ROBOT.yaml, for editors."""

@@ -6,11 +6,11 @@ import click
 
 from phalanx.cli import options
 from phalanx.cli.complete import a_controller, a_scenario, a_scenario_or_recording, an_attack_by_robots
-from phalanx.cli.options import PORT, option, runs, together
+from phalanx.cli.options import PORT, combine_options, implemented_by, option
 from phalanx.scenarios.scenario import CONTROLLERS
 
 # Options that change a scenario.
-chosen_options = together(
+chosen_options = combine_options(
     options.swarm_options,
     options.defence_option(help="none; paper: as published; hardened: with our corrections."),
     option(
@@ -41,7 +41,7 @@ def sim() -> None:
 @option("--trace", help="Print each event and action of one robot; repeatable.", metavar="robot=I", multiple=True)
 @option("--plain", help="Use the plain implementation: slower, with the same digest.", is_flag=True)
 @options.json_option
-@runs("sim", "run")
+@implemented_by("sim", "run")
 def run() -> None:
     """Run SCENARIO, a built-in name or a YAML file, and print a summary.
 
@@ -54,7 +54,7 @@ def run() -> None:
 @click.argument("source", metavar="FILE.mcap|SCENARIO", shell_complete=a_scenario_or_recording)
 @chosen_options
 @option("--port", help="Port of the page, on this machine only; 0: any free port.", type=PORT, default=0)
-@runs("view", "view")
+@implemented_by("view", "view")
 def view() -> None:
     """Show a recording, or SCENARIO while it runs, in the browser: map, tokens and refusals.
 
@@ -64,13 +64,13 @@ def view() -> None:
 
 @sim.command("list", epilog="Example: phalanx sim list --json")
 @options.json_option
-@runs("lists", "list_scenarios")
+@implemented_by("lists", "list_scenarios")
 def list_scenarios() -> None:
     """List the bundled scenarios."""
 
 
 @sim.command(epilog="Example: phalanx sim schema > scenario.schema.json")
-@runs("lists", "print_schema")
+@implemented_by("lists", "print_schema")
 def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
 
@@ -79,7 +79,7 @@ def schema() -> None:
 @click.argument("controller", metavar="|".join(("FILE.py[:CLASS]", *CONTROLLERS)), shell_complete=a_controller)
 @option("--seed", help="Seed of the controller's inputs.", type=click.IntRange(0, (1 << 32) - 1), default=0)
 @options.json_option
-@runs("sim", "check")
+@implemented_by("sim", "check")
 def check() -> None:
     """Check that a controller gives the same outputs for the same inputs, and print where it does not.
 

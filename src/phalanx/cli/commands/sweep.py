@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from phalanx.cli.complete import offer
-from phalanx.cli.options import FILE, OUT_FOLDER, cluster_options, json_option, option, runs
+from phalanx.cli.options import FILE, OUT_FOLDER, cluster_options, implemented_by, json_option, option
 
 
 @click.command(
@@ -15,7 +15,7 @@ from phalanx.cli.options import FILE, OUT_FOLDER, cluster_options, json_option, 
 @cluster_options
 @option("--out", type=OUT_FOLDER, help="Folder for the results. Default: out/ plus the file's name.")
 @json_option
-@runs("sweep", "sweep")
+@implemented_by("sweep", "sweep")
 def sweep() -> None:
     """Run a grid of scenarios with many seeds, locally or on a cluster, and write Parquet files.
 

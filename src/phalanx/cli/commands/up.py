@@ -6,7 +6,7 @@ import click
 
 from phalanx.cli import options
 from phalanx.cli.complete import a_map, a_mission_or_encoded
-from phalanx.cli.options import FILE, FOLDER, PORT, SECONDS, option, runs
+from phalanx.cli.options import FILE, FOLDER, PORT, SECONDS, implemented_by, option
 
 ROBOTS, ROBOTS_ON_MISSION = 12, 4
 
@@ -157,7 +157,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     " is unreachable; at_s is the time.",
     is_flag=True,
 )
-@runs("up", "up")
+@implemented_by("up", "up")
 def up() -> None:
     """Run a gateway: a swarm, the visitors' page and its QR code. Nothing else has to be installed.
 

@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from phalanx.cli.credentials import read_signing_key, read_trusted
-from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, status_line, talk
+from phalanx.cli.terminal import Progress, count_of, end_status_line, print_json, status_line, talk
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
@@ -32,7 +32,7 @@ from phalanx.mission.worth.outlook import Outlook
 from phalanx.net.private_file import write_private
 from phalanx.world.building.floorplan import load_floorplan
 
-from .draw import lived
+from .draw import simulate_parts
 from .files import building, check_folder, doors_of, parse_robots, parse_window, read_encoded, read_plain
 from .run import parse_start
 
@@ -120,7 +120,7 @@ def explored(
         talk(f"{plan.name} has no start: {where}")
     plan = plan if begin is None else with_start(plan, begin)
     if plan.dust:
-        talk(f"{plan.name}: {counted(plan.dust, 'lone cell')} ignored as dust: robots avoid single cells")
+        talk(f"{plan.name}: {count_of(plan.dust, 'lone cell')} ignored as dust: robots avoid single cells")
     status_line(f"searching landmarks and paths: {len(plan.walls)} walls")
     try:
         return survey(plan, lidar=lidar), plan
@@ -267,7 +267,7 @@ def draw(source: str | None, out: Path, plan: str | None, start: str | None, sim
     floor = load_floorplan(name) if name else None
     if simulate and floor is None:
         raise UsageError("no map to simulate a robot on", "use --map MAP, or map: NAME in the mission")
-    reports = lived(mission, floor, seed) if simulate and floor is not None else []
+    reports = simulate_parts(mission, floor, seed) if simulate and floor is not None else []
     draw_mission(mission, floor, out, reports)
     for report in reports:
         end = "completed it" if report.done else f"stopped: {report.not_validated[-1][1]}"

@@ -16,7 +16,7 @@ from phalanx.errors import UsageError
 from phalanx.lab.cracking.force import GuessedNode, TriedBatch, can_guess, crack_paper, crack_sealed
 from phalanx.mission import EncodedMission, Profile, parse_start_key
 from phalanx.mission.file.records import OPEN_START
-from phalanx.mission.worth.shown import Shown, shown_by
+from phalanx.mission.worth.shown import PlanCandidates, candidates_in
 from phalanx.world.building.floorplan import load_floorplan
 
 from .files import parse_box, read_encoded, read_start_key
@@ -37,7 +37,7 @@ def crack(
     encoded, area = read_encoded(file), parse_box(box)
     if plan and encoded.header.profile is Profile.PAPER:
         raise UsageError("--map with the paper profile", "leave it out: all places are tried in seconds")
-    map_places = shown_by(load_floorplan(plan), offset_mm) if plan else None
+    map_places = candidates_in(load_floorplan(plan), offset_mm) if plan else None
     started = time.perf_counter()
     tries, of = 0, 0
     found: list[tuple[GuessedNode, float]] = []
@@ -62,7 +62,7 @@ def _attack(
     key: Path | None,
     area: tuple[float, float, float, float],
     pool: ThreadPoolExecutor,
-    map_places: Shown | None,
+    map_places: PlanCandidates | None,
 ) -> Iterator[TriedBatch]:
     if encoded.header.profile is Profile.PAPER:
         return crack_paper(encoded, area)

@@ -16,7 +16,7 @@ from phalanx.world.missions.run import run_mission
 NOISE = OdometryNoise(0.03, 0.05)  # the defaults of phalanx mission run
 
 
-def lived(mission: Mission, plan: FloorPlan, seed: int) -> list[Report]:
+def simulate_parts(mission: Mission, plan: FloorPlan, seed: int) -> list[Report]:
     """Run a robot for each part, in the paper profile, which is faster. Raises: UsageError: no room at a start."""
     draws = random.Random(seed).randbytes  # noqa: S311  # the secrets of a simulation protect nothing
     orders = orders_of(mission, build(mission, BuildOptions(profile=Profile.PAPER), draws), plan)

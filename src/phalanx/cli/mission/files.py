@@ -24,7 +24,7 @@ from phalanx.mission import (
     parse_start_key,
 )
 from phalanx.mission.authoring.document import WrittenMission
-from phalanx.mission.authoring.findable import apart_in
+from phalanx.mission.authoring.findable import mark_lookalikes_in
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.refused import MalformedMission
@@ -55,7 +55,7 @@ def read_plain(source: str) -> Mission:
     if Path(mission.floor_plan).suffix:  # a file, not a bundled map
         mission = replace(mission, floor_plan=str(Path(source).parent / mission.floor_plan))
     try:
-        return apart_in(load_floorplan(mission.floor_plan), mission) if mission.floor_plan else mission
+        return mark_lookalikes_in(load_floorplan(mission.floor_plan), mission) if mission.floor_plan else mission
     except UsageError:
         return mission  # a missing map is reported where it is needed
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, stopped, talk
+from phalanx.cli.terminal import Progress, count_of, end_status_line, print_json, stopped, talk
 from phalanx.config import BtiConfig
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
@@ -132,7 +132,7 @@ def _fleet(named: str, robots: int | None, parts: int) -> tuple[tuple[int, ...],
     ids = parse_robots(named) if named else ()
     count = robots if robots is not None else len(ids) or parts
     if ids and len(ids) != count:
-        raise UsageError(f"--as names {counted(len(ids), 'robot')} of {count}", "give an id for each robot, in order")
+        raise UsageError(f"--as names {count_of(len(ids), 'robot')} of {count}", "give an id for each robot, in order")
     return ids, count
 
 
@@ -192,7 +192,7 @@ def _missing_in_world(reports: list[Report]) -> list[str]:
 
 def _show(told: dict[str, Any]) -> None:
     click.echo(
-        f"{told['completed']} of {counted(told['robots'], 'robot')} completed   "
+        f"{told['completed']} of {count_of(told['robots'], 'robot')} completed   "
         f"{told['decoded']} of {told['nodes']} nodes decoded   "
         f"{told['false_fixes']} false fixes   {told['false_decodes']} false decodes   {told['t_s']:.0f} s"
     )

@@ -16,7 +16,7 @@ from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.worth.audit import Audit, Rates, audit_in
 from phalanx.mission.worth.guessing import OUT_OF_REACH
-from phalanx.mission.worth.outlook import time_for_s
+from phalanx.mission.worth.outlook import time_limit_s
 from phalanx.world.missions.orders import orders_of
 from phalanx.world.missions.report import summary
 from phalanx.world.missions.run import run_mission
@@ -30,7 +30,7 @@ from .files import building
 LIVED = ("decoded", "nodes", "false_fixes", "false_decodes", "pose_error_m_max", "t_s")
 
 
-def tell_worth(
+def print_audit(
     source: str | None,
     profile: str,
     plan: str | None,
@@ -60,7 +60,7 @@ def tell_worth(
         # With dust: it may be an obstacle.
         trials = _run_trials(mission, options, replace(building(name, doors), start=floor.start), scanner, trial)
     if as_json:
-        print_json({**report.told(), "rates": asdict(rates), "trial": trials})
+        print_json({**report.to_json(), "rates": asdict(rates), "trial": trials})
         return
     _show(report, rates)
     if trials is not None:
@@ -103,7 +103,7 @@ def _run_trials(
     """Return the outcomes of `times` runs of a mission, with a robot for each of its parts."""
     draws = random.Random(0).randbytes  # noqa: S311  # the secrets of a simulation protect nothing
     orders = orders_of(mission, build(mission, options, draws), plan)
-    limit_s = time_for_s(mission, options.profile)
+    limit_s = time_limit_s(mission, options.profile)
     rows: list[dict[str, Any]] = []
     progress = Progress()
     for seed in range(times):

@@ -19,8 +19,8 @@ from typing import Any
 
 from phalanx.errors import BadPayload, PhalanxError, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build
-from phalanx.mission.authoring.document import WrittenMission, words_of_alias, words_of_mission
-from phalanx.mission.authoring.findable import apart_in
+from phalanx.mission.authoring.document import WrittenMission, alias_to_yaml, mission_to_yaml
+from phalanx.mission.authoring.findable import mark_lookalikes_in
 from phalanx.mission.landmarks import Site, landmarks_of
 from phalanx.mission.landmarks.sites import is_shown
 from phalanx.mission.worth.audit import Rates, audit_in
@@ -89,7 +89,7 @@ class MissionDesk:
     async def running(self) -> dict[str, Any]:
         """Return the mission that runs as `read` does; empty: none runs, or only its files are known."""
         plain = self._swarm.plain()
-        return await asyncio.to_thread(_drawn, words_of_mission(plain), plain) if plain else {}
+        return await asyncio.to_thread(_drawn, mission_to_yaml(plain), plain) if plain else {}
 
     def compile(self, text: str, profile: Profile) -> None:
         """Begin to compile a mission's YAML; `job` tells what comes of it."""
@@ -133,7 +133,9 @@ class MissionDesk:
                         raise _Replaced
                     yield answer
 
-            built = build(apart_in(self._swarm.plan, plain), BuildOptions(profile=profile), os.urandom, spread)
+            built = build(
+                mark_lookalikes_in(self._swarm.plan, plain), BuildOptions(profile=profile), os.urandom, spread
+            )
         job.begin = self._swarm.prepare(plain, built)
         job.id = built[0].mission.header.mission_id.hex()
         return {
@@ -143,7 +145,7 @@ class MissionDesk:
             "nodes": len(plain.nodes),
             "bytes": sum(len(each.mission.encode()) for each in built),
             "profile": profile.name.lower(),
-            "audit": worth.told(),
+            "audit": worth.to_json(),
             "rates": asdict(Rates()),
             "unseen": _unseen(plain, self._sites),
         }
@@ -249,7 +251,7 @@ def _ways(words: Any) -> Iterator[dict[str, Any]]:
 
 
 def _site(site: Site) -> dict[str, Any]:
-    see = [words_of_alias((alias,), DIGITS) for alias in site.aliases]
+    see = [alias_to_yaml((alias,), DIGITS) for alias in site.aliases]
     return {
         "type": site.type,
         "at": _rounded(site.place_m),

@@ -25,18 +25,18 @@ from phalanx.daemon.far_planner import check_adviser, is_far
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.sealed_air import with_room_for_seals
 from phalanx.daemon.settings import RobotSettings
-from phalanx.daemon.state import told
+from phalanx.daemon.state import read_state
 from phalanx.daemon.trusted import program
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.net.children import die_with_parent
 from phalanx.net.keyring import Keys
 from phalanx.robot.planner import ToGoal
-from phalanx.scenarios.behaviour import adviser
+from phalanx.scenarios.behaviour import planner_factory
 from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.world.audited.setup import POWER_UP_MS
 
-from .ether import RadioConditions, SimulatedAir
+from .ether import ArenaRadio, RadioConditions
 from .field import Field
 from .places import STATION, Changes, free_ports, write_arena_files
 
@@ -73,7 +73,7 @@ class Arena:
         ]
         # One more for a gateway, if the robots obey one.
         ports = free_ports(scenario.robots + (scenario.controller == WHEELS))
-        self._ether = SimulatedAir(
+        self._ether = ArenaRadio(
             self.field.world,
             scenario.radio,
             weather,
@@ -157,7 +157,7 @@ class Arena:
         states = {}
         for i, settings in enumerate(self.places.robots):
             with contextlib.suppress(UsageError):  # no state published yet
-                states[i] = told(settings.state_file)
+                states[i] = read_state(settings.state_file)
         return states
 
     def _record(self, states: dict[int, dict[str, Any]]) -> None:
@@ -209,7 +209,7 @@ class Arena:
                     self.field.drive(i, command)
                 if not self._over:
                     self._catch_up()
-                    self.field.stand(i)
+                    self.field.halt_motors(i)
 
     def _catch_up(self) -> None:
         clock = self.field.world.clock[0]
@@ -338,7 +338,7 @@ def play_in_arena(
     _check(scenario, weather)
     scenario = with_room_for_seals(scenario) if changes.sealed else scenario
     planner = None if is_far(changes.planner) else find_planner(changes.planner or None)
-    if adviser(scenario, changes.make, ToGoal if is_far(changes.planner) else planner):
+    if planner_factory(scenario, changes.make, ToGoal if is_far(changes.planner) else planner):
         check_adviser(scenario, is_far=is_far(changes.planner))
     program()
     arena = Arena(scenario, folder, weather, changes)

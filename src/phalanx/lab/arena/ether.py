@@ -55,7 +55,7 @@ class RadioConditions:
         check_limits(self)
 
 
-class SimulatedAir:
+class ArenaRadio:
     """Simulated radio at a UDP `port` of this machine, which counts packets in the world's statistics.
 
     The last of `ports` may belong to a gateway, in range of all. `is_silent(index)` returns True if a radio is off.

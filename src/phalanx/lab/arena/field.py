@@ -66,14 +66,14 @@ class Field(Run):
         """Execute a command of robot i's trusted nodes to its motors."""
         if command == STOP:
             if self._moving[i]:
-                self.stand(i)
+                self.halt_motors(i)
             return
         self._moving[i] = True
         self.world.safe[i] = 0
         self.world.safe_us[i] = -1
         body.actuate(self.world, i, row(command), len(command))
 
-    def stand(self, i: int) -> None:
+    def halt_motors(self, i: int) -> None:
         """Stop robot i's motors, because its trusted nodes sent a stop or have gone."""
         self._moving[i] = False
         self.world.safe[i] = 1

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from phalanx.daemon.driver import sense_path, wheels_path
-from phalanx.daemon.on_air import OnAir
+from phalanx.daemon.on_air import RadioAttack
 from phalanx.daemon.settings import RobotSettings, read_robot
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import Unavailable
 from phalanx.net.keyring import Keys, pem
-from phalanx.net.mission_key import issued
+from phalanx.net.mission_key import encode_mission_key_file
 from phalanx.net.ports import LOOPBACK
 from phalanx.net.private_file import write_private
 from phalanx.scenarios.behaviour import MakeController
@@ -38,7 +38,7 @@ class Changes:
     planner: str
     attacks: tuple[str, ...]
     sealed: bool
-    on_air: tuple[OnAir, ...]
+    on_air: tuple[RadioAttack, ...]
 
 
 @dataclass(slots=True)
@@ -82,7 +82,7 @@ def write_arena_files(
     for name in ("key.json", "foreign-key.json"):
         number, sealed = keys.issue()
         signed = sign_mission(scenario, number, keys.signer("missions"))
-        write_private(folder / name, issued(number, sealed, {}, signed.told))
+        write_private(folder / name, encode_mission_key_file(number, sealed, {}, signed.as_json))
     strangers = {each.robot for each in changes.on_air if each.name == "foreign-key"}
     packets = "sealed" if changes.sealed else "plain"
     for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):

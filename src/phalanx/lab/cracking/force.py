@@ -25,7 +25,7 @@ from phalanx.mission.observable import LANDMARK_TYPES, MM_PER_M, Cell, Experienc
 from phalanx.mission.walk.claims import Claim, Found, unlock
 from phalanx.mission.walk.gate import Gate, StartKey
 from phalanx.mission.walk.opening import open_found
-from phalanx.mission.worth.shown import Before, Shown
+from phalanx.mission.worth.shown import Before, PlanCandidates
 
 BATCH = 1 << 16  # cells of one batch of fast hashes
 KDF_BATCH = 64
@@ -113,7 +113,7 @@ def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell
 
 
 def crack_sealed(
-    mission: EncodedMission, key: StartKey, box: Box, spread: Spread = map, plan: Shown | None = None
+    mission: EncodedMission, key: StartKey, box: Box, spread: Spread = map, plan: PlanCandidates | None = None
 ) -> Iterator[TriedBatch]:
     """Try every position in a box against every known gate; each opened node reveals further gates.
 

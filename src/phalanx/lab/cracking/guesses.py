@@ -17,7 +17,7 @@ from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.gate import StartKey
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.guessing import OUT_OF_REACH
-from phalanx.mission.worth.shown import Shown, shown_by
+from phalanx.mission.worth.shown import PlanCandidates, candidates_in
 from phalanx.robot.adversary.attack import Scene
 
 from .force import Box, GuessedNode, TriedBatch, crack_paper, crack_sealed
@@ -54,7 +54,9 @@ class Guess(Between, ABC):
         return float(known)
 
 
-def crack(sent: Sent, box: Box, key: StartKey | None = None, plan: Shown | None = None) -> Iterator[TriedBatch]:
+def crack(
+    sent: Sent, box: Box, key: StartKey | None = None, plan: PlanCandidates | None = None
+) -> Iterator[TriedBatch]:
     """Yield batches of tries of every position, with the start key that was sent or `key`."""
     mission = parse_mission(sent.file)
     if mission.header.profile is Profile.PAPER:
@@ -80,7 +82,7 @@ class GuessPlan(Guess):
     """Guess with the file, the start key and the building's floor plan, which the adversary has or can survey."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
-        return crack(sent, box, plan=shown_by(building, BuildOptions().offset_mm))
+        return crack(sent, box, plan=candidates_in(building, BuildOptions().offset_mm))
 
 
 class GuessGate(GuessGraph):

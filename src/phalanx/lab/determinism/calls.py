@@ -1,6 +1,6 @@
 """Calls to test a controller with: those of a simulated run, then malformed packets, advice and sensor readings.
 
-During a call the controller must not loop forever, sleep, start a thread or open a file; `watched` detects that.
+During a call the controller must not loop forever, sleep, start a thread or open a file; `watch_call` detects that.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Call:
         return f"{label}, {self.t_ms} ms" + (f", {self.odd}" if self.odd else "")
 
 
-def maker(name: str) -> Make:
+def controller_factory(name: str) -> Make:
     """Return a factory for the bundled controller of that name, or for "FILE.py:CLASS" or "FILE.py".
 
     Raises: as `find_class`. UsageError: no such name.
@@ -145,16 +145,16 @@ class _Recorder(Controller):
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
         self._calls.append(Call(FRAME, t_ms, packet))
-        with watched(self._inner, "on_recv", str(self._calls[-1])):
+        with watch_call(self._inner, "on_recv", str(self._calls[-1])):
             self._inner.on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         if self._planner:
             self._calls.append(Call(ADVICE, t_ms, advice_of(self._planner, t_ms, reading)))
-            with watched(self._inner, "on_advice", str(self._calls[-1])):
+            with watch_call(self._inner, "on_advice", str(self._calls[-1])):
                 self._inner.on_advice(self._calls[-1].payload)
         self._calls.append(Call(step, t_ms, reading))
-        with watched(self._inner, "on_input", str(self._calls[-1])):
+        with watch_call(self._inner, "on_input", str(self._calls[-1])):
             outputs = self._inner.on_input(step, t_ms, reading)
         return checked_outputs(outputs, BtiConfig().packet_max_bytes, self._inner)
 
@@ -280,7 +280,7 @@ class Endless(OwnMistake):
 
 
 @contextlib.contextmanager
-def watched(controller: object, method: str, call: str) -> Iterator[None]:
+def watch_call(controller: object, method: str, call: str) -> Iterator[None]:
     """Watch a call of `controller` in the body of this context.
 
     The time is limited only in the main thread.

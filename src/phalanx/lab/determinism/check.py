@@ -19,7 +19,7 @@ from phalanx.robot.controllers.dispatch import BUNDLED
 from phalanx.scenarios.own import mistakes_in
 from phalanx.wire.record import Record
 
-from .calls import ROBOT, Call, calls_of, maker
+from .calls import ROBOT, Call, calls_of, controller_factory
 from .trace import LATER_S, LIVES, Step
 
 # Processes in addition to the first. With four, two strings in a set have the same order in all in 1 of 8 cases.
@@ -85,7 +85,7 @@ def check_controller(words: str, seed: int = 0) -> Report:
     Raises: UsageError: no such controller, or it fails in an honest world. Unavailable: a process ended early.
     """
     with mistakes_in(words):
-        calls = calls_of(maker(words), words, seed)
+        calls = calls_of(controller_factory(words), words, seed)
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         waits = [stack.enter_context(_process(Path(folder), k, words, calls)) for k in range(OTHERS + 2)]
         first, *others, plain = [wait() for wait in waits]
@@ -102,9 +102,9 @@ def check_controller(words: str, seed: int = 0) -> Report:
         (
             compare("same in all processes", ((_label(k), lives["live"]) for k, lives in enumerate(others, 1))),
             compare("same when not compiled", iter([("not compiled", plain["live"])])),
-            compare("same beside another", iter([("beside another robot's", first["live_beside"])])),
-            compare("same from checkpoints", iter([("gone on from it", first["live_on"])])),
-            compare("same over checkpoints", iter([("gone on from it", first["live_over"])])),
+            compare("same beside another", iter([("beside another robot's", first["run_with_other"])])),
+            compare("same from checkpoints", iter([("gone on from it", first["run_relayed"])])),
+            compare("same over checkpoints", iter([("gone on from it", first["run_in_turns"])])),
             Check("raises nothing", _first_of(calls, (raised for _, _, raised, _ in straight), "METHOD raises")),
             Check("only what robots take", _first_of(calls, (refused for *_, refused in straight), "refused")),
         ),

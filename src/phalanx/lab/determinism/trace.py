@@ -29,7 +29,7 @@ from phalanx.robot.controllers.python_controller import (
 )
 from phalanx.wire.record import MalformedRecord
 
-from .calls import ADVICE, FRAME, Call, Endless, Make, maker, watched
+from .calls import ADVICE, FRAME, Call, Endless, Make, controller_factory, watch_call
 
 # Result of one call: type and bytes of each output, encoded state after the call, the exception, and the reason why
 # the body, the radio or the checkpoint would reject a result.
@@ -51,7 +51,7 @@ def live(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     return [_step(controller, call) for call in calls]
 
 
-def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+def run_with_other(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     """Run as in `live`, while another robot's controller in the same process receives the calls with a delay."""
     controller, other = make(rob_id), make(rob_id + 1)
     steps = []
@@ -61,12 +61,12 @@ def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     return steps
 
 
-def live_on(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+def run_relayed(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     """Run each call in a new controller that decodes the last encoding, as an auditor does."""
     return _relayed(calls, make(rob_id), lambda: make(rob_id))
 
 
-def live_over(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+def run_in_turns(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     """Run the calls in two controllers in turn: each decodes the other's encoding over its own old state."""
     first, second = make(rob_id), make(rob_id)
     turns = [second, first]
@@ -78,7 +78,7 @@ def live_over(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     return _relayed(calls, first, other)
 
 
-LIVES = {each.__name__: each for each in (live, live_beside, live_on, live_over)}
+LIVES = {each.__name__: each for each in (live, run_with_other, run_relayed, run_in_turns)}
 
 
 def _relayed(calls: list[Call], controller: Controller, following: Callable[[], Controller]) -> list[Step]:
@@ -101,7 +101,7 @@ def _step(controller: Controller, call: Call) -> Step:
     outputs: list[Output] = []
     raised = refused = ""
     try:
-        with watched(controller, call.method, str(call)):
+        with watch_call(controller, call.method, str(call)):
             if call.step == FRAME:
                 controller.on_recv(call.t_ms, call.payload)
             elif call.step == ADVICE:
@@ -191,7 +191,7 @@ def main(job: Path, out: Path) -> None:
     """Run the job's sequences, and write their results to `out`."""
     settings: dict[str, Any] = json.loads(job.read_text())
     kept = _shake(settings["turn"]) if settings["turn"] else []
-    make = maker(settings["controller"])
+    make = controller_factory(settings["controller"])
     calls = [Call(step, t_ms, bytes.fromhex(payload)) for step, t_ms, payload in settings["calls"]]
     results = {name: LIVES[name](make, settings["robot"], calls) for name in settings["lives"]}
     del kept

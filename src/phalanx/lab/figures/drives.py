@@ -136,7 +136,7 @@ def draw_table1(table: Table, picture: Picture) -> None:
 
 def draw_fig10(table: Table, picture: Picture) -> None:
     """Draw the paths, the errors over time, and the time of each stage."""
-    plan, _ = fig10.place()
+    plan, _ = fig10.office_with_codes()
     ground, over_time, stages = picture.subplots(1, 3, width_ratios=(5, 4, 4))
     ground.plot(
         [c.x_m for c in plan.codes], [c.y_m for c in plan.codes], "s", mfc="none", mec="0.3", ms=5, label="codes"

@@ -24,7 +24,7 @@ from phalanx.scenarios.own import find_attack, find_controller, mistakes_in
 from phalanx.scenarios.scenario import Scenario
 from phalanx.world.audited.world import clock_ms
 from phalanx.world.radio.channel import AIRTIME_US, AUDIT_BROADCAST
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 from phalanx.world.swarms.protected import DEMO, EDGE_MM, ProtectedSwarm
 
@@ -78,7 +78,7 @@ def run_bout(bout: Bout) -> dict[str, Any]:
 @lru_cache(HONEST_KEPT)
 def _honest(scenario: Scenario, controller: str | None) -> Run:
     scenario, own = find_controller(controller, scenario)
-    return play(scenario, controller=own)
+    return run_scenario(scenario, controller=own)
 
 
 def _in_flock(bout: Bout, spec: AttackSpec, scenario: Scenario) -> dict[str, Any]:

@@ -46,7 +46,7 @@ def building() -> FloorPlan:
     return FloorPlan(plan.name, plan.walls, plan.outlines, plan.bounds, plan.start, (code,))
 
 
-def errand(coding: CodingConfig | None = None) -> Mission:
+def shelf_errand(coding: CodingConfig | None = None) -> Mission:
     """Return the mission: fetch from the shelf and hand over."""
     draft = Draft("errand", coding=coding, area_m=AREA_M)
     draft.node("start", Position(*START[:2]), start=True, timeout_s=TIMEOUT_S)

@@ -17,7 +17,7 @@ from phalanx.robot.adversary.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.scenarios.scenario import Scenario
 from phalanx.world.radio.channel import AIRTIME_US, AUDIT_BROADCAST, AUDIT_UNICAST
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 
 # Verdicts that promise that correct robots keep running; other verdicts promise nothing.
@@ -192,9 +192,11 @@ def try_attack(
             before.update((i, sent(run, i)) for i, robot in run.robots.items() if isinstance(robot, Liar))
         on_step("attacked", run)
 
-    attacked = play(scenario, on_step=on_attacked, controller=controller)
+    attacked = run_scenario(scenario, on_step=on_attacked, controller=controller)
     if honest is None:
-        honest = play(replace(scenario, attacks=()), on_step=lambda run: on_step("honest", run), controller=controller)
+        honest = run_scenario(
+            replace(scenario, attacks=()), on_step=lambda run: on_step("honest", run), controller=controller
+        )
     liars = [robot for _, robot in sorted(attacked.robots.items()) if isinstance(robot, Liar)]
     correct = ~np.isin(attacked.ids, list(attacked.compromised))
     to_goal_m = np.sqrt(((honest.positions_m - np.array(scenario.goal_m)) ** 2).sum(axis=1))[correct]

@@ -48,7 +48,7 @@ from phalanx.world.missions.body import Building
 from phalanx.world.missions.setup import MissionRun, Part, pool_of
 from phalanx.world.missions.world import STEP_S, MissionRobot, MissionWorld
 
-from .errand import AREA_M, START, building, errand, shelf_mission, stolen_mission
+from .errand import AREA_M, START, building, shelf_errand, shelf_mission, stolen_mission
 
 ROBOT, OTHER, ADVERSARY = 1, 2, 3
 DAY_S = 86_400
@@ -167,13 +167,13 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         return ErrandOutcome(refused=error.reason, held=True)
     there = Building(attack.building(building()))
     there.lidar = _SpoofedLidar(there.plan, attack)
-    pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(stolen_mission()))))
+    pool = tuple(dict.fromkeys((*pool_of(shelf_errand()), *pool_of(stolen_mission()))))
     part = Part(walker.mission, None, START)
     run = MissionRun(plan=there.plan, parts=(part,), noise=NOISE, seed=seed, pool=pool, begin_s=now_s)
     world = MissionWorld(run, (ROBOT,), building=there, walkers=[walker])
     (robot,) = world.robots
     witness = _Witness(
-        robot, [node for node in errand().nodes if attack.ordered and (attack.released or not node.wait)]
+        robot, [node for node in shelf_errand().nodes if attack.ordered and (attack.released or not node.wait)]
     )
     messages = sent.said if attack.released else ()
     for step in range(round(DURATION_S / STEP_S)):
@@ -209,8 +209,8 @@ def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, f
     return MissionPlan(
         start_s=start_s,
         chance=np.random.default_rng([seed, ADVERSARY]),
-        yesterday=operator.send(errand(), ROBOT, 0),
-        others=operator.send(errand(), OTHER, 1),
+        yesterday=operator.send(shelf_errand(), ROBOT, 0),
+        others=operator.send(shelf_errand(), OTHER, 1),
         wanted=stolen_mission(),
         options=options,
     )
@@ -219,7 +219,7 @@ def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, f
 @cache
 def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> ErrandOutcome:
     """Run the mission without attack; without a release the robot waits for it and gives up."""
-    today = Operator(defence, seed).send(errand(), ROBOT, 1)
+    today = Operator(defence, seed).send(shelf_errand(), ROBOT, 1)
     nobody = Between(plan_of(defence, seed, 0.0, {}))
     return walk(nobody, today if released else replace(today, said=()), defence, seed)
 
@@ -264,7 +264,7 @@ def try_mission_attack(
     if isinstance(instance, Guess):
         attacked = try_guess(instance, defence, seed)
     else:
-        today = Operator(defence, seed).send(errand(), ROBOT, 1)
+        today = Operator(defence, seed).send(shelf_errand(), ROBOT, 1)
         attacked = walk(instance, today, defence, seed, checked=not given.get("unchecked"))
         if kind.ordered:
             honest = honest_errand(defence, seed, released=kind.released)
@@ -287,7 +287,7 @@ def try_guess(
     The captured mission has the form that `defence` gives it. `coding` None costs as much per try as for real robots.
     """
     coding = coding or (SEALED if defence == "hardened" else None)
-    plain = shelf_mission(coding) if attack.one_node else errand(coding)
+    plain = shelf_mission(coding) if attack.one_node else shelf_errand(coding)
     sent = Operator(defence, seed).send(plain, ROBOT, 1)
     nodes = len(plain.nodes)
     if defence == "none":

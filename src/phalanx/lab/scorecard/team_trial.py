@@ -17,7 +17,7 @@ import numpy as np
 from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig
 from phalanx.mission import Action, BuildOptions, Built, Draft, Landmark, Mission, Position, Profile, build
-from phalanx.mission.authoring.findable import apart_in
+from phalanx.mission.authoring.findable import mark_lookalikes_in
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.state import Keyring
@@ -77,7 +77,7 @@ def try_in_team(
     """
     plan = load_floorplan()
     profile = Profile.SEALED if defence == "hardened" else Profile.PAPER
-    plain = apart_in(plan, errand(plan, CodingConfig(delta_mm=400, kdf_log2_n=2)))
+    plain = mark_lookalikes_in(plan, errand(plan, CodingConfig(delta_mm=400, kdf_log2_n=2)))
     (built,) = build(plain, BuildOptions(profile=profile), random.Random(seed).randbytes)  # noqa: S311  # simulated
     honest = _world(plan, built, defence, seed)
     _run(honest, lambda share: on_progress(share / 2))

@@ -20,7 +20,7 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.papers.figure import Figure
 from phalanx.papers.table import EachCase, version
 from phalanx.scenarios.own import find_attacks, find_controller, mistakes_in
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 from phalanx.world.signals import handled_by
 
@@ -77,11 +77,11 @@ def run_sweep(
     if not todo:
         return []
     if scheduler is None:
-        get_ready()
+        start_fork_server()
         _check_first(todo[0])
     failed: list[str] = []
     left = len(todo)
-    for key, row in dealt({job.key: job for job in todo}, run or run_job, scheduler, workers):
+    for key, row in run_jobs({job.key: job for job in todo}, run or run_job, scheduler, workers):
         if isinstance(row, Failed):
             failed.append(f"{_label(jobs[key])}: {row.why}")
         else:
@@ -99,7 +99,7 @@ def run_job(job: Job) -> dict[str, Any]:
         if job.attack:
             scenario = scenario.with_options(attacks=find_attacks([job.attack]))
         begun_s = time.thread_time()
-        run = play(scenario, controller=own)
+        run = run_scenario(scenario, controller=own)
         return outcome(run.summary(), time.thread_time() - begun_s)
 
 
@@ -115,7 +115,7 @@ def _label(job: Job) -> str:
     return ", ".join(f"{name} {value}" for name, value in (*job.point, ("seed", job.seed)))
 
 
-def deal_cases(scheduler: str | None, workers: int | None) -> EachCase:
+def cases_with_dask(scheduler: str | None, workers: int | None) -> EachCase:
     """Return an `EachCase` for `phalanx.papers.table.measure` that uses the scheduler of `run_sweep`.
 
     Raises: UsageError: both are given. The `EachCase` raises Unavailable after all other cases if one failed.
@@ -125,7 +125,7 @@ def deal_cases(scheduler: str | None, workers: int | None) -> EachCase:
     def each(figure: Figure, todo: Sequence[str], _on_progress: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
         jobs = {key_of(figure.name, version(), case): (figure, case) for case in todo}
         failed: list[str] = []
-        for key, measured in dealt(jobs, _measure_case, scheduler, workers) if jobs else ():
+        for key, measured in run_jobs(jobs, _measure_case, scheduler, workers) if jobs else ():
             case = jobs[key][1]
             if isinstance(measured, Failed):
                 failed.append(f"{case}: {measured.why}")
@@ -142,7 +142,7 @@ def _measure_case(job: tuple[Figure, str]) -> Any:
     return figure.body.measure_case(case, lambda _share: None)
 
 
-def dealt(
+def run_jobs(
     jobs: Mapping[str, Any], run: Callable[[Any], Any], scheduler: str | None, workers: int | None
 ) -> Iterator[tuple[str, Any]]:
     """Run the jobs, and yield each job's key and its result or `Failed`, in order of completion."""
@@ -177,7 +177,7 @@ def dealt(
                 waiting.extendleft(reversed(given[len(results) :]))
                 size = min(2 * size, MOST_IN_TASK) if len(results) == len(given) else len(results)
             elif future.key.endswith(ALONE):
-                yield given[0][0], Failed(why_not(future.exception()))
+                yield given[0][0], Failed(error_line(future.exception()))
             else:
                 suspects.extend(given)
             going.update(submit_more())
@@ -191,13 +191,13 @@ def _make(run: Callable[[Any], Any], jobs: Sequence[tuple[str, Any]]) -> list[An
         try:
             results.append(run(job))
         except Exception as error:  # noqa: BLE001 - a user's file may raise anything
-            results.append(Failed(why_not(error)))
+            results.append(Failed(error_line(error)))
         if time.perf_counter() >= until_s:
             break
     return results
 
 
-def why_not(error: BaseException | None) -> str:
+def error_line(error: BaseException | None) -> str:
     """Return the exception of a job as one line."""
     if isinstance(error, PhalanxError):
         return str(error)
@@ -206,7 +206,7 @@ def why_not(error: BaseException | None) -> str:
     return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
-def get_ready() -> None:
+def start_fork_server() -> None:
     """Start the fork server of this machine, which imports the workers' modules in the background."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["distributed", __name__])
@@ -232,7 +232,7 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, A
     with contextlib.ExitStack() as stack:
         stack.enter_context(handled_by(signal.default_int_handler, signal.SIGTERM))
         if scheduler is None:
-            get_ready()
+            start_fork_server()
         try:
             dask: Any = import_module("distributed")
         except ImportError as error:

@@ -22,7 +22,7 @@ from phalanx.net.private_file import write_whole
 
 from .plan import SWEEP_HINT, Cell, Job, Plan
 
-ELSEWHERE = "choose another folder with --out, or move this one away"
+OTHER_FOLDER_HINT = "choose another folder with --out, or move this one away"
 WRITE_S, WRITE_ROWS = 1.0, 500  # a part is written after this time or number of rows
 # Columns of a run's outcome, with Arrow's types.
 OUTCOME = {
@@ -107,7 +107,7 @@ class Store:
         try:
             self.runs.mkdir(parents=True, exist_ok=True)
             if self.runs.lstat().st_uid != os.geteuid():  # planted in a shared folder
-                raise UsageError(f"{self.runs} belongs to another user", ELSEWHERE)
+                raise UsageError(f"{self.runs} belongs to another user", OTHER_FOLDER_HINT)
             self._lock = os.open(self.folder, os.O_RDONLY)
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -190,7 +190,7 @@ class Store:
             planned = self._planned.get(tuple(row[name] for name in where))
             if planned and row["key"] not in planned:
                 at = ", ".join(f"{name} {row[name]}" for name in where)
-                raise UsageError(f"{self.folder} has another run at {at}: a file has changed since", ELSEWHERE)
+                raise UsageError(f"{self.folder} has another run at {at}: a file has changed since", OTHER_FOLDER_HINT)
             yield row["key"]
 
     @cached_property
@@ -204,7 +204,7 @@ class Store:
     def _check_head(self) -> None:
         path, ours = self.folder / "sweep.json", json.dumps(self._head)
         if not path.exists() or not self._all_parts():  # no rows yet
-            write_whole(path, ours.encode(), ELSEWHERE)
+            write_whole(path, ours.encode(), OTHER_FOLDER_HINT)
             return
         try:
             stored = json.loads(path.read_text())
@@ -212,10 +212,12 @@ class Store:
             stored = None
         for name, what in (("axes", "axes"), ("version", "version of phalanx")):
             if not isinstance(stored, dict) or stored.get(name) != self._head[name]:
-                raise UsageError(f"{self.folder} has a sweep with other {what}", ELSEWHERE)
+                raise UsageError(f"{self.folder} has a sweep with other {what}", OTHER_FOLDER_HINT)
 
     def _unwritable(self, error: OSError) -> Unavailable:
-        return Unavailable(f"cannot write {error.filename or self.folder}: {error.strerror or error}", ELSEWHERE)
+        return Unavailable(
+            f"cannot write {error.filename or self.folder}: {error.strerror or error}", OTHER_FOLDER_HINT
+        )
 
 
 def _type(values: tuple[Cell, ...]) -> str:

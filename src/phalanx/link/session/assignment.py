@@ -94,8 +94,8 @@ class Assignment:
         self._put(robot, _Hold(visitor.id, now_ms + self._config.lease_ms, since_ms))
 
     def give(self, robot: str, visitor: Visitor, now_ms: int) -> None:
-        """Assign a robot to a visitor until it is taken away. Raises: NotAllowed: as `suits`."""
-        self.suits(visitor, robot)
+        """Assign a robot to a visitor until it is taken away. Raises: NotAllowed: as `check_may_drive`."""
+        self.check_may_drive(visitor, robot)
         self.leave(visitor.id, now_ms)
         hold = self._robots[robot]
         self._put(robot, _Hold(visitor.id, None, now_ms))
@@ -149,7 +149,7 @@ class Assignment:
             return 0
         return max(1, hold.since_ms + self._config.turn_ms - now_ms)
 
-    def suits(self, visitor: Visitor, robot: str) -> None:
+    def check_may_drive(self, visitor: Visitor, robot: str) -> None:
         """Raise NotAllowed if the robot does not exist, or the visitor's role or ticket excludes it."""
         if visitor.role < Role.DRIVE or visitor.waiting:
             raise NotAllowed("this visitor may only watch")
@@ -159,7 +159,7 @@ class Assignment:
 
     def check(self, visitor: Visitor, robot: str, now_ms: int) -> _Hold | None:
         """Return the current hold on the robot, if this visitor may command it. Raises: NotAllowed; Busy."""
-        self.suits(visitor, robot)
+        self.check_may_drive(visitor, robot)
         if self._config.assign == "tickets" and not visitor.robots and visitor.role is not Role.OPERATE:
             raise NotAllowed("only tickets that name robots allow driving")
         hold = self._robots[robot]

@@ -22,10 +22,10 @@ from .events import (
     Admitted,
     ClientEvent,
     Ended,
-    Hear,
     KeepSecret,
     Replied,
-    Stands,
+    SetTopics,
+    StandingChanged,
     Transmit,
     Updated,
     WasRefused,
@@ -228,7 +228,7 @@ class SessionClient:
                 return self._hear()
             case Standing():
                 self._is_waiting = message.waiting
-                return [Stands(message)]
+                return [StandingChanged(message)]
             case Reply(number, payload):
                 return [Replied(number, payload)]
             case Refused(number, reason):
@@ -277,7 +277,7 @@ class SessionClient:
         topics += [topic_name(topic) for topic in (self._reader.topics() if self._reader else ())]
         if self._handshake:
             topics.append(self._handshake.accept_topic)
-        return [Hear(tuple(topics))]
+        return [SetTopics(tuple(topics))]
 
     def _end(self, reason: EndReason | None) -> list[ClientEvent]:
         self.is_over, self._handshake = True, None

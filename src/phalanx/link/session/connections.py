@@ -14,13 +14,13 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import Replayed
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 from phalanx.wire import MalformedRecord
 from phalanx.wire.sessions import ACCEPT, HELLO, RECORD, SIGNED_HELLO
 
 from .channel import Channel
 from .errors import TooMany, Unexpected
-from .events import Close, Listen, Now, Send, ServerEvent
+from .events import Close, Now, Send, ServerEvent, SetConnectionTopics
 from .messages import FromServer, encode
 from .noise import KEY_BYTES, respond
 from .secret import Kind, Secret, prologue, record_topic
@@ -70,8 +70,8 @@ class Connections:
         self._of_visitor: dict[int, int] = {}
         self._on_broker = 0
         self._hellos: OrderedDict[bytes, None] = OrderedDict()
-        self._budgets = {kind: Pace(config.hellos_per_s, config.hellos_per_s, now.ms / 1000) for kind in Kind}
-        self._budgets[Kind.OPEN] = Pace(config.open_hellos_per_s, config.open_hellos_at_once, now.ms / 1000)
+        self._budgets = {kind: TokenBucket(config.hellos_per_s, config.hellos_per_s, now.ms / 1000) for kind in Kind}
+        self._budgets[Kind.OPEN] = TokenBucket(config.open_hellos_per_s, config.open_hellos_at_once, now.ms / 1000)
 
     def __iter__(self) -> Iterator[Connection]:
         return iter(list(self._all.values()))
@@ -161,7 +161,7 @@ class Connections:
         """Return the event that sets the subscriptions of a connection on a broker."""
         if not connection.on_broker:
             return []
-        return [Listen(connection.number, tuple(map(record_topic, connection.channel.receive_ciphers())))]
+        return [SetConnectionTopics(connection.number, tuple(map(record_topic, connection.channel.receive_ciphers())))]
 
     def _accept(
         self, connection: Connection, secret: Secret, noise: bytes, now: Now, topic: str = ""

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import UsageError
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 from phalanx.wire.sessions import TICKET_KEY, TICKET_ROW
 
 from .errors import TooMany, UnknownSecret
 from .invitation import new_room_code
-from .limits import RoomTries
+from .limits import RoomCodeAttempts
 from .messages import Role
 from .secret import INVITATION_BYTES, NO_ID, Kind, Secret
 from .store import Store
@@ -48,7 +48,7 @@ class Grant:
     uses: int = 0  # uses left of that ticket
 
 
-class Door:
+class InvitationRegistry:
     """The open code, the room code and the tickets of a swarm.
 
     Attributes:
@@ -62,9 +62,9 @@ class Door:
             raise UsageError("an open code never admits operators", "make a ticket")
         self._config, self._store, self._random_bytes = config, store, random_bytes
         self.open_role = open_role
-        self._tries = RoomTries(config)
+        self._tries = RoomCodeAttempts(config)
         self._tickets: dict[bytes, Ticket] = {}
-        self._hellos: dict[bytes, Pace] = {}  # limits of first messages with a ticket, on a broker
+        self._hellos: dict[bytes, TokenBucket] = {}  # limits of first messages with a ticket, on a broker
         for key, row in store.load().items():
             if key[:1] == TICKET_KEY.encode(id=NO_ID)[:1]:
                 self._tickets[TICKET_KEY.decode(key)["id"]] = _ticket(row)
@@ -146,7 +146,7 @@ class Door:
         """Count a first message on a broker with a valid ticket; the burst allows one per use. Raises: TooMany."""
         if ticket_id not in self._hellos:
             at_once = self._config.handshakes_at_once + self._tickets[ticket_id].uses
-            self._hellos[ticket_id] = Pace(self._config.handshakes_per_min / 60, at_once, now_ms / 1000)
+            self._hellos[ticket_id] = TokenBucket(self._config.handshakes_per_min / 60, at_once, now_ms / 1000)
         if not self._hellos[ticket_id].take(now_ms / 1000):
             raise TooMany("first messages with this ticket")
 

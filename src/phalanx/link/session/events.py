@@ -39,7 +39,7 @@ class Publish:
 
 
 @dataclass(frozen=True, slots=True)
-class Listen:
+class SetConnectionTopics:
     """On a broker: set the topics of this connection to exactly these."""
 
     connection: int
@@ -105,7 +105,7 @@ class CommandRefused:
     reason: Reason
 
 
-ServerEvent = Send | Publish | Listen | Close | Joined | Left | Commanded | Requested | CommandRefused
+ServerEvent = Send | Publish | SetConnectionTopics | Close | Joined | Left | Commanded | Requested | CommandRefused
 
 
 # --- of a client -----------------------------------------------------------------------------------------------------
@@ -120,7 +120,7 @@ class Transmit:
 
 
 @dataclass(frozen=True, slots=True)
-class Hear:
+class SetTopics:
     """On a broker: subscribe to these topics below the root, and to no others."""
 
     topics: tuple[str, ...]
@@ -143,7 +143,7 @@ class KeepSecret:
 
 
 @dataclass(frozen=True, slots=True)
-class Stands:
+class StandingChanged:
     """The current rights of this visitor."""
 
     standing: Standing
@@ -179,4 +179,4 @@ class Ended:
     reason: EndReason | None
 
 
-ClientEvent = Transmit | Hear | Admitted | KeepSecret | Stands | Updated | Replied | WasRefused | Ended
+ClientEvent = Transmit | SetTopics | Admitted | KeepSecret | StandingChanged | Updated | Replied | WasRefused | Ended

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 
 from phalanx.config.session import SessionConfig
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 
 from .errors import TooMany, TriesUsedUp
 
@@ -17,17 +17,17 @@ ROBOTS_REMEMBERED = 64  # robots per visitor with a route limit
 ADDRESSES_REMEMBERED = 4096  # addresses with a join limit
 
 
-class Caps:
+class VisitorLimits:
     """Rate limits of one visitor, over all its connections."""
 
     __slots__ = ("_commands", "_handshakes", "_requests", "_routes")
 
     def __init__(self, config: SessionConfig, now_ms: int) -> None:
         now_s = now_ms / 1000
-        self._commands = Pace(config.commands_per_s, config.commands_per_s, now_s)
-        self._requests = Pace(config.requests_per_s, config.requests_per_s, now_s)
-        self._handshakes = Pace(config.handshakes_per_min / 60, config.handshakes_at_once, now_s)
-        self._routes: OrderedDict[str, Pace] = OrderedDict()
+        self._commands = TokenBucket(config.commands_per_s, config.commands_per_s, now_s)
+        self._requests = TokenBucket(config.requests_per_s, config.requests_per_s, now_s)
+        self._handshakes = TokenBucket(config.handshakes_per_min / 60, config.handshakes_at_once, now_s)
+        self._routes: OrderedDict[str, TokenBucket] = OrderedDict()
 
     def command(self, now_ms: int) -> None:
         """Count a command. Raises: TooMany."""
@@ -52,26 +52,26 @@ class Caps:
             # Forgetting a robot resets its limit; the limit of commands still holds.
             if len(self._routes) >= ROBOTS_REMEMBERED:
                 self._routes.popitem(last=False)
-            self._routes[robot] = Pace(ROUTES_PER_S, ROUTES_PER_S, now_ms / 1000)
+            self._routes[robot] = TokenBucket(ROUTES_PER_S, ROUTES_PER_S, now_ms / 1000)
         if not self._routes[robot].take(now_ms / 1000):
             raise TooMany("routes of this visitor for this robot")
 
 
-class AllCaps:
+class LimitsByVisitor:
     """Rate limits of all visitors; kept when a visitor leaves, or each new connection would allow a fresh burst."""
 
     def __init__(self, config: SessionConfig) -> None:
         self._config = config
-        self._of: OrderedDict[int, Caps] = OrderedDict()
+        self._of: OrderedDict[int, VisitorLimits] = OrderedDict()
 
-    def of(self, visitor: int, now_ms: int) -> Caps:
+    def of(self, visitor: int, now_ms: int) -> VisitorLimits:
         """Return the rate limits of a visitor."""
         if visitor not in self._of:
-            self.give(visitor, Caps(self._config, now_ms))
+            self.give(visitor, VisitorLimits(self._config, now_ms))
         self._of.move_to_end(visitor)
         return self._of[visitor]
 
-    def give(self, visitor: int, caps: Caps) -> None:
+    def give(self, visitor: int, caps: VisitorLimits) -> None:
         """Set the rate limits of a visitor that replaces another one."""
         self._of[visitor] = caps
         if len(self._of) > self._config.visitors_max:
@@ -83,20 +83,20 @@ class Joins:
 
     def __init__(self, config: SessionConfig) -> None:
         self._per_hour = config.joins_per_address
-        self._of: OrderedDict[str, Pace] = OrderedDict()
+        self._of: OrderedDict[str, TokenBucket] = OrderedDict()
 
     def count(self, address: str, now_ms: int) -> None:
         """Count a join. Raises: TooMany."""
         if address not in self._of:
             if len(self._of) >= ADDRESSES_REMEMBERED:
                 self._of.popitem(last=False)
-            self._of[address] = Pace(self._per_hour / 3600, self._per_hour, now_ms / 1000)
+            self._of[address] = TokenBucket(self._per_hour / 3600, self._per_hour, now_ms / 1000)
         self._of.move_to_end(address)
         if not self._of[address].take(now_ms / 1000):
             raise TooMany("joins of this address")
 
 
-class RoomTries:
+class RoomCodeAttempts:
     """Attempts with room codes in the last hour. Successful ones do not count: fifty phones may share one router.
 
     Each code that an operator makes has a new budget, or twelve addresses could lock out all others for an hour. The

@@ -48,10 +48,10 @@ def clean_nickname(wish: str) -> str:
         elif (marks <= MARKS_IN_A_ROW and (kept.strip() or not marks) and _is_letter(each, kind)) or _is_sign(each):
             kept += each
     kept = " ".join(kept.split())[:NICKNAME_CHARACTERS].strip()
-    return kept if any(looks(kept)) else ""
+    return kept if any(name_skeletons(kept)) else ""
 
 
-def looks(name: str) -> set[str]:
+def name_skeletons(name: str) -> set[str]:
     """Return the skeletons of a name, as written and in lower case; names that look alike have a skeleton in common.
 
     Marks, spaces and signs are left out. The skeleton of a concatenation is the concatenation of the skeletons.
@@ -65,7 +65,7 @@ def looks(name: str) -> set[str]:
 
 def is_reserved(name: str) -> bool:
     """Return whether a name looks like a reserved one, such as the operator's."""
-    return any(_one_for_all(each) in seen for each in RESERVED for seen in looks(name))
+    return any(_one_for_all(each) in seen for each in RESERVED for seen in name_skeletons(name))
 
 
 def _one_for_all(seen: str) -> str:

@@ -57,7 +57,7 @@ class Operations:
         """Admit a visitor that waits for approval. Raises: UsageError: no such visitor."""
         known = self._server.visitors.change(replace(self._known(visitor), waiting=False))
         self._server.assignment.arrive(known, now.ms)
-        return [*self._server.tell(visitor, *self._server.updates.epochs()), *self._server.standings(now)]
+        return [*self._server.send_to_visitor(visitor, *self._server.updates.epochs()), *self._server.standings(now)]
 
     def set_role(self, visitor: int, role: Role, now: Now) -> list[ServerEvent]:
         """Set a visitor's role to WATCH or DRIVE. Raises: UsageError: no such visitor, or the role is OPERATE."""
@@ -70,7 +70,7 @@ class Operations:
         return self._server.standings(now)
 
     def give(self, robot: str, visitor: int, now: Now) -> list[ServerEvent]:
-        """Assign a robot to a visitor. Raises: UsageError: no such visitor; NotAllowed: as `Assignment.suits`."""
+        """Assign a robot to a visitor. Raises: UsageError: no visitor; NotAllowed: `Assignment.check_may_drive`."""
         self._server.assignment.give(robot, self._known(visitor), now.ms)
         return self._server.standings(now)
 
@@ -85,7 +85,7 @@ class Operations:
         for robot, other in ((first, second), (second, first)):
             driver = self._server.visitors.find(assignment.driver_of(robot, now.ms) or 0)
             if driver:
-                assignment.suits(driver, other)
+                assignment.check_may_drive(driver, other)
         assignment.swap(first, second)
         return self._server.standings(now)
 
@@ -98,7 +98,7 @@ class Operations:
                 events += server.end(connection, reason, now)
             server.forget(visitor, now)
         epoch = server.updates.begin(now.ms)
-        return [*events, *server.tell_all(epoch), *server.standings(now)]
+        return [*events, *server.send_to_all_visitors(epoch), *server.standings(now)]
 
     def _known(self, visitor: int) -> Visitor:
         known = self._server.visitors.find(visitor)

@@ -17,10 +17,10 @@ from phalanx.errors import Late, PeerError
 
 from .assignment import Assignment
 from .connections import Connection, Connections, is_record
-from .door import Door, Grant
+from .door import Grant, InvitationRegistry
 from .errors import Busy, EndReason, NotAllowed, Reason, TooMany, Unexpected, UnknownSecret
 from .events import Close, Commanded, CommandRefused, Joined, Left, Now, Publish, Requested, ServerEvent
-from .limits import AllCaps, Joins
+from .limits import Joins, LimitsByVisitor
 from .messages import (
     Command,
     End,
@@ -74,9 +74,9 @@ class SessionServer:
         self.config = config
         self.rejected: Counter[str] = Counter()
         self.visitors = Visitors(config, store)
-        self.door = Door(config, store, random_bytes, now.ms, open_role)
+        self.door = InvitationRegistry(config, store, random_bytes, now.ms, open_role)
         self.assignment = Assignment(config)
-        self.caps = AllCaps(config)
+        self.caps = LimitsByVisitor(config)
         self.updates = UpdateWriter(config, signer, random_bytes, now.ms)
         self.connections = Connections(config, static, random_bytes, self._find_secret, now)
         self._random_bytes = random_bytes
@@ -133,7 +133,7 @@ class SessionServer:
             events += self._overdue(connection, now)
         epoch = self.updates.tick(now.ms)
         if epoch:
-            events += self.tell_all(epoch)
+            events += self.send_to_all_visitors(epoch)
         for visitor, since_ms in list(self._away.items()):
             if now.ms - since_ms >= self.config.lease_ms:  # until then a reloaded page keeps its robot
                 del self._away[visitor]
@@ -151,7 +151,7 @@ class SessionServer:
 
     def reply(self, visitor: int, number: int, payload: bytes) -> list[ServerEvent]:
         """Answer a request. Raises: UsageError: it is too long."""
-        return self.tell(visitor, Reply(number, payload))
+        return self.send_to_visitor(visitor, Reply(number, payload))
 
     def accept(self, command: Commanded, now: Now) -> list[ServerEvent]:
         """Take or renew the lease for a command that was carried out."""
@@ -163,14 +163,14 @@ class SessionServer:
 
     def refuse(self, visitor: int, number: int, reason: Reason) -> list[ServerEvent]:
         """Refuse a request, or with number 0 a command."""
-        return self.tell(visitor, Refused(number, reason))
+        return self.send_to_visitor(visitor, Refused(number, reason))
 
-    def tell(self, visitor: int, *messages: FromServer) -> list[ServerEvent]:
+    def send_to_visitor(self, visitor: int, *messages: FromServer) -> list[ServerEvent]:
         """Send messages to a visitor, if it is connected."""
         connection = self.connections.of_visitor(visitor)
         return self.connections.seal(connection, *messages) if connection and connection.channel.is_open else []
 
-    def tell_all(self, *messages: FromServer) -> list[ServerEvent]:
+    def send_to_all_visitors(self, *messages: FromServer) -> list[ServerEvent]:
         """Send messages to all visitors that do not wait for approval."""
         return [
             event for each in self.connections if self._reads(each) for event in self.connections.seal(each, *messages)

@@ -12,12 +12,12 @@ from .client import SessionClient
 from .events import Transmit
 
 LONGEST = 64  # records in the queue
-Say = Callable[[int], Transmit]  # seals a record at this time, ms; only then, so that it names the newest update
+SealRecord = Callable[[int], Transmit]  # seals a record at this time, ms; only then, so that it names the newest update
 
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    say: Say
+    say: SealRecord
     robot: str
     drop: Callable[[], None]
 
@@ -30,8 +30,8 @@ class Slots:
     """
 
     def __init__(self) -> None:
-        self.steady: Say | None = None
-        self._stops: deque[Say] = deque(maxlen=LONGEST)
+        self.steady: SealRecord | None = None
+        self._stops: deque[SealRecord] = deque(maxlen=LONGEST)
         self._waiting: deque[_Waiting] = deque()
         self._steady_is_next = False
 
@@ -40,7 +40,7 @@ class Slots:
         """Return whether a record is queued."""
         return bool(self._stops or self._waiting)
 
-    def put(self, say: Say, robot: str = "", drop: Callable[[], None] = lambda: None) -> None:
+    def put(self, say: SealRecord, robot: str = "", drop: Callable[[], None] = lambda: None) -> None:
         """Queue a request, or a command for a robot; `drop` is called if a stop for that robot removes it.
 
         Raises: UsageError: the queue is full.
@@ -49,7 +49,7 @@ class Slots:
             raise UsageError(f"{LONGEST} messages are queued already", "send fewer at a time")
         self._waiting.append(_Waiting(say, robot, drop))
 
-    def stop(self, say: Say, robot: str) -> None:
+    def stop(self, say: SealRecord, robot: str) -> None:
         """Queue a stop before all other records, and drop the robot's queued commands, which are older."""
         self._stops.append(say)
         dropped = [each for each in self._waiting if each.robot == robot]
@@ -57,7 +57,7 @@ class Slots:
         for each in dropped:
             each.drop()
 
-    def take(self, client: SessionClient) -> Say:
+    def take(self, client: SessionClient) -> SealRecord:
         """Return the record for this slot. If both exist, queued records and the steady one alternate."""
         if self._stops:
             return self._stops.popleft()

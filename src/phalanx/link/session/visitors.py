@@ -14,7 +14,7 @@ from phalanx.wire.sessions import DOOR_KEY, DOOR_ROW, VISITOR_KEY, VISITOR_ROW
 
 from .errors import TooMany, UnknownSecret
 from .messages import Role
-from .nickname import NICKNAME_CHARACTERS, looks
+from .nickname import NICKNAME_CHARACTERS, name_skeletons
 from .secret import NO_ID, RESUME_BYTES, Kind, Secret
 from .store import Store
 
@@ -173,14 +173,14 @@ class Visitors:
     def _free_name(self, wish: str, gone: list[int]) -> str:
         """Return a nickname that does not look like another visitor's, because it identifies the driver."""
         wish = wish or f"Visitor {self._next}"
-        if self._is_free(looks(wish), gone):
+        if self._is_free(name_skeletons(wish), gone):
             return wish
         short = wish[: NICKNAME_CHARACTERS - 6].strip()
-        seen = looks(short)
+        seen = name_skeletons(short)
         number = next(
             number
             for number in chain(range(2, FEW), count(self._number))
-            if self._is_free({each + digits for each in seen for digits in looks(str(number))}, gone)
+            if self._is_free({each + digits for each in seen for digits in name_skeletons(str(number))}, gone)
         )
         self._number = max(self._number, number + 1)
         return f"{short} {number}"
@@ -193,14 +193,14 @@ class Visitors:
 
     def _keep(self, visitor: Visitor) -> None:
         self._all[visitor.id] = visitor
-        for each in looks(visitor.name):
+        for each in name_skeletons(visitor.name):
             self._by_look.setdefault(each, visitor.id)
         for secret in visitor.secrets():
             self._by_secret[secret.id] = visitor.id, secret
 
     def _forget(self, visitor_id: int) -> None:
         visitor = self._all.pop(visitor_id)
-        for each in looks(visitor.name):
+        for each in name_skeletons(visitor.name):
             if self._by_look.get(each) == visitor_id:
                 del self._by_look[each]
         for secret in visitor.secrets():

@@ -121,7 +121,7 @@ def plain_mission(content: Any) -> Mission:
         raise
 
 
-def words_of_mission(mission: Mission) -> dict[str, Any]:
+def mission_to_yaml(mission: Mission) -> dict[str, Any]:
     """Return the content of a YAML file for a mission, as `plain_mission` reads it."""
     ways = {(way.source, way.target): way for way in mission.ways}
     entries: dict[tuple[str, str], dict[str, Any]] = {}
@@ -141,7 +141,7 @@ def words_of_mission(mission: Mission) -> dict[str, Any]:
     }
 
 
-def words_of_alias(alias: tuple[Observable, ...], digits: int = DIGITS) -> dict[str, Any]:
+def alias_to_yaml(alias: tuple[Observable, ...], digits: int = DIGITS) -> dict[str, Any]:
     """Return the content under `see` for an alias; numbers are rounded to `digits` decimal places."""
     content: dict[str, Any] = {}
     for thing in alias:
@@ -161,7 +161,7 @@ def words_of_alias(alias: tuple[Observable, ...], digits: int = DIGITS) -> dict[
 
 
 def _words_of(node: Node) -> dict[str, Any]:
-    see = [words_of_alias(alias) for alias in node.see]
+    see = [alias_to_yaml(alias) for alias in node.see]
     flags = _given(start=node.start, final=node.final, join=node.join, chained=node.chained)
     limits = {"within_m": node.within_m, **_given(timeout_s=node.timeout_s, width=node.width_m, part=node.part)}
     return {**flags, "see": see, **_given(do=node.do, send=list(node.send), wait=list(node.wait)), **limits}

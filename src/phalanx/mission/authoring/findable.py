@@ -22,7 +22,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission.graph import Mission, Node
 from phalanx.mission.landmarks import FloorPlan, Site, extract, look_alikes_of
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.observable import HALF_TURN_TYPES, UNTOLD_M, Landmark, Observable, number_or_nan
+from phalanx.mission.observable import DEFAULT_APART_M, HALF_TURN_TYPES, Landmark, Observable, number_or_nan
 from phalanx.mission.walk.finding import MIDDLE_M
 
 Rows = np.ndarray[tuple[int, int], np.dtype[np.float64]]
@@ -46,7 +46,7 @@ NEAR_M, TURNED_RAD = 0.2, math.radians(10)
 SEEN_SHARE, SEEN_LEAST, STEADY_SHARE, STEADY_M = 0.3, 3, 0.85, 0.1
 
 
-def apart_in(plan: FloorPlan, mission: Mission) -> Mission:
+def mark_lookalikes_in(plan: FloorPlan, mission: Mission) -> Mission:
     """Return the mission with distances to look-alikes, from the floor plan of its building."""
     return mark_lookalikes(mission, look_alikes_of(plan))
 
@@ -55,7 +55,7 @@ def mark_lookalikes(mission: Mission, look_alikes: Iterable[Landmark] | None = N
     """Return the mission with `apart_m` set in all landmarks.
 
     `look_alikes` are all other landmarks of the building. If they are unknown (None), landmarks keep their `apart_m`,
-    by default UNTOLD_M, as an upper limit; QR codes with a text are taken for unique.
+    by default DEFAULT_APART_M, as an upper limit; QR codes with a text are taken for unique.
     """
     own = [thing for node in mission.nodes for alias in node.see for thing in alias if isinstance(thing, Landmark)]
     tables = _tables((*own, *(look_alikes or ())))
@@ -64,7 +64,7 @@ def mark_lookalikes(mission: Mission, look_alikes: Iterable[Landmark] | None = N
         if not isinstance(thing, Landmark):
             return thing
         is_known = look_alikes is not None or thing.text is not None
-        most_m = math.inf if is_known and thing.apart_m == UNTOLD_M else thing.apart_m
+        most_m = math.inf if is_known and thing.apart_m == DEFAULT_APART_M else thing.apart_m
         return replace(thing, apart_m=min(most_m, _apart_m(thing, tables[thing.type, thing.text])))
 
     def of(node: Node) -> Node:
@@ -90,7 +90,7 @@ def without_duplicates(landmarks: Iterable[Landmark]) -> list[Landmark]:
     return [each for alike in kept.values() for each in alike]
 
 
-def is_written_twice(one: Landmark, other: Landmark) -> bool:
+def is_duplicate(one: Landmark, other: Landmark) -> bool:
     """Return True if two landmarks are the same object at places that differ by more than MIDDLE_M."""
     alike = (one.type, one.text) == (other.type, other.text) and _is_same(one, other)
     return alike and math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) > MIDDLE_M
@@ -132,7 +132,7 @@ def _apart_m(landmark: Landmark, rows: Rows) -> float:
     return float(rivals.min()) if len(rivals) else math.inf
 
 
-class Looks:
+class SimulatedScans:
     """Simulated scans of a building by a noiseless lidar; with `as_drawn`, including the specks of its map."""
 
     def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None, *, as_drawn: bool = False) -> None:
@@ -157,7 +157,7 @@ class Sighted:
     site: Site
     looks: tuple[tuple[Landmark, ...], ...]  # by scan; empty for a QR code, which a lidar does not show
 
-    def left(self, aliases: Container[Landmark]) -> Site | None:
+    def with_aliases(self, aliases: Container[Landmark]) -> Site | None:
         """Return the site with only these aliases; None if too few scans show them."""
         kept = tuple(alias for alias in self.site.aliases if alias in aliases)
         enough = self.site.type == "qr" or _is_enough(_seen(kept, self.looks), len(self.looks))
@@ -199,8 +199,8 @@ def _is_enough(seen: int, looks: int) -> bool:
 
 @lru_cache(maxsize=2)
 def _looks(plan: FloorPlan, lidar: LidarConfig, *, as_drawn: bool = False) -> Callable[[Pose], tuple[Landmark, ...]]:
-    """Return a cached `Looks.from_pose`: the audit of a mission repeats the scans of its survey."""
-    return cache(Looks(plan, lidar, as_drawn=as_drawn).from_pose)
+    """Return a cached `SimulatedScans.from_pose`: the audit of a mission repeats the scans of its survey."""
+    return cache(SimulatedScans(plan, lidar, as_drawn=as_drawn).from_pose)
 
 
 def _beside(site: Site, looks: Sequence[Sequence[Landmark]]) -> list[Landmark]:

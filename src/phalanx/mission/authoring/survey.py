@@ -18,7 +18,7 @@ from phalanx.mission.graph import Draft, Mission
 from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Landmark, Position
-from phalanx.mission.worth.feasible import ways_in_vain
+from phalanx.mission.worth.feasible import failing_ways
 
 from .findable import alone, mark_lookalikes, sighted, without_duplicates
 from .free import END_M, STAND_M, Free
@@ -67,7 +67,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     all_aliases = [alias for each in in_sight for alias in each.site.aliases]
     others = (*look_alikes_of(plan), *beside)
     unique = set(without_duplicates(alone(all_aliases, others, APART_M)))
-    sites = [site for site in (each.left(unique) for each in in_sight) if site is not None]
+    sites = [site for site in (each.with_aliases(unique) for each in in_sight) if site is not None]
     if not sites:
         hint = "use a map that has doorways, rooms, free corners or QR codes"
         raise UsageError(f"{plan.name} has no landmarks that robots can recognise", hint)
@@ -84,7 +84,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     ways = _with_far(plan, free, places, named, _joined(near, behind), behind)
     made = partial(_made, Draft(f"explore {plan.name}", coding, plan.bounds, floor_plan=plan.name), start, named)
     mission = mark_lookalikes(made(ways), (*all_aliases, *others))
-    outlook, late, vain = ways_in_vain(mission, plan, lidar)
+    outlook, late, vain = failing_ways(mission, plan, lidar)
     # The remaining nodes can be found on the remaining ways: a second prediction would not exclude more.
     ways = _without(outlook.infeasible.keys(), ways - late - vain, behind - vain | late, vain)
     mission = mark_lookalikes(made(ways, outlook.order), (*all_aliases, *others))

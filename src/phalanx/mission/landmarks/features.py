@@ -15,7 +15,7 @@ from phalanx.arrays import BOOLx1, F64x1, F64x2, I64x1
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.kernel import kernel
 from phalanx.mission.angles import HALF_PI, PI, atan2, sin_cos, wrap
-from phalanx.mission.observable import InSight, Landmark
+from phalanx.mission.observable import Landmark, ScanLandmarks
 
 from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of, next_beam
 from .scan import LaserScan, Limits, View, limits_of
@@ -214,7 +214,7 @@ class Features(NamedTuple):
         A concave corner gives one landmark for each visible wall, with that wall's normal, as other walls are visible
         from other sides. The orientation of a convex corner bisects its walls' normals.
         """
-        return InSight(_placed(self, float(x_m), float(y_m), float(heading_rad))).told
+        return ScanLandmarks(_placed(self, float(x_m), float(y_m), float(heading_rad))).landmarks
 
 
 class Sweep(NamedTuple):
@@ -235,10 +235,12 @@ def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features
     return Features(*_extract(_sweep_of(scan, config), limits_of(config)))
 
 
-def landmarks_in(scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: float, heading_rad: float) -> InSight:
+def landmarks_in(
+    scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: float, heading_rad: float
+) -> ScanLandmarks:
     """Return `extract(scan, config).landmarks(...)` in one fast kernel call, as robots need it ten times a second."""
     pose = float(x_m), float(y_m), float(heading_rad)
-    return InSight(_sighted(_sweep_of(scan, config), limits_of(config), *pose))
+    return ScanLandmarks(_sighted(_sweep_of(scan, config), limits_of(config), *pose))
 
 
 def _sweep_of(scan: LaserScan, config: ExtractionConfig) -> Sweep:

@@ -43,7 +43,7 @@ _PGM = re.compile(
 
 
 @dataclass(frozen=True, slots=True)
-class MapWords:
+class MapHeader:
     """Content of a map_server YAML file."""
 
     image: str  # name of the image file, in the same folder
@@ -57,7 +57,7 @@ class MapWords:
     extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen; from door_width, also an extension
 
 
-def map_words(data: bytes, name: str) -> MapWords:
+def parse_map_header(data: bytes, name: str) -> MapHeader:
     """Parse a map_server YAML file.
 
     Raises: UsageError: it is invalid. Source: ROS map_server, nav2_map_server.
@@ -75,7 +75,7 @@ def map_words(data: bytes, name: str) -> MapWords:
     x, y, turn = numbers(content.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
     negate = bool(content.get("negate", 0))
     start, extraction = start_pose(content, name), extraction_of(content, name)
-    return MapWords(image, resolution, (x, y, turn), negate, occupied, free, start, extraction)
+    return MapHeader(image, resolution, (x, y, turn), negate, occupied, free, start, extraction)
 
 
 def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
@@ -107,7 +107,7 @@ def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
     return np.rint(grey).astype(np.uint8).reshape(height, width)
 
 
-def cells_of(grey: NDArray[np.uint8], header: MapWords) -> NDArray[np.uint8]:
+def cells_of(grey: NDArray[np.uint8], header: MapHeader) -> NDArray[np.uint8]:
     """Return (height + 2, width + 2) cells FREE, UNKNOWN or WALL, the first row at the bottom, with a border."""
     occupied = (grey if header.negate else 255 - grey.astype(np.int64)) / 255.0
     cells = np.full(grey.shape, WALL, np.uint8)
@@ -122,7 +122,7 @@ def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str, *, swept: boo
 
     Raises: UsageError: one of the files is invalid.
     """
-    header = map_words(yaml_data, name)
+    header = parse_map_header(yaml_data, name)
     drawn = cells_of(read_pgm(pgm_data, header.image), header)
     cells, dust = without_dust(drawn, header.resolution_m) if swept else (drawn, 0)
     height, width = cells.shape[0] - 2, cells.shape[1] - 2
@@ -141,7 +141,7 @@ def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str, *, swept: boo
     )
 
 
-def _outlines(cells: NDArray[np.uint8], header: MapWords) -> list[Outline]:
+def _outlines(cells: NDArray[np.uint8], header: MapHeader) -> list[Outline]:
     points, starts, of_wall = _contours(cells)
     outlines = []
     for first, stop in pairwise(starts.tolist()):
@@ -155,7 +155,7 @@ def _walls(outlines: list[Outline]) -> NDArray[np.float64]:
     return np.vstack([np.zeros((0, 4)), *walls])
 
 
-def _of_one_space(outlines: list[Outline], header: MapWords) -> tuple[Outline, ...]:
+def _of_one_space(outlines: list[Outline], header: MapHeader) -> tuple[Outline, ...]:
     """Return the outlines of the space with the start, or of the largest, without specks and unreachable spaces."""
     speck_m2 = SPECK_CELLS * header.resolution_m * header.resolution_m
     large = {id(outline.points): outline for outline in outlines if abs(outline.area_m2) > speck_m2}
@@ -171,7 +171,7 @@ def _of_one_space(outlines: list[Outline], header: MapWords) -> tuple[Outline, .
     return tuple(large[id(points)] for points in kept)
 
 
-def _to_map(points: NDArray[np.float64], header: MapWords) -> NDArray[np.float64]:
+def _to_map(points: NDArray[np.float64], header: MapHeader) -> NDArray[np.float64]:
     x, y, turn = header.origin
     cosine, sine = math.cos(turn), math.sin(turn)
     scaled = points * header.resolution_m

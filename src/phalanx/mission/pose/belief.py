@@ -17,7 +17,7 @@ from phalanx.arrays import F64x1, F64x2
 from phalanx.kernel import kernel
 from phalanx.mission.angles import sin_cos, wrap
 
-from .spread import Sight, Sighting, corrected, not_surer
+from .spread import Sight, Sighting, corrected, with_floor
 
 Pose = tuple[float, float, float]
 # x, y, heading; then the scale error of distances, the scale error of turns, and the undetected turn in rad per metre.
@@ -30,7 +30,7 @@ SLIP = 0.05
 UPPER = tuple((i, j) for i in range(COUNT) for j in range(i, COUNT))
 
 
-class Wheels(NamedTuple):
+class OdometryErrors(NamedTuple):
     """Standard deviations of odometry errors."""
 
     way: float  # scale error of distances
@@ -43,7 +43,7 @@ class Wheels(NamedTuple):
 
 @kernel
 def moved(
-    mean: F64x1, spread: F64x2, way_m: float, turn_rad: float, touches: bool, wheels: Wheels
+    mean: F64x1, spread: F64x2, way_m: float, turn_rad: float, touches: bool, wheels: OdometryErrors
 ) -> tuple[F64x1, F64x2]:
     """Return (mean, covariance) after odometry has measured a distance, negative for backwards, and a turn.
 
@@ -91,7 +91,7 @@ def moved(
 
 @kernel
 def _driven(
-    mean: F64x1, spread: F64x2, before: Pose, after: Pose, touches: bool, wheels: Wheels
+    mean: F64x1, spread: F64x2, before: Pose, after: Pose, touches: bool, wheels: OdometryErrors
 ) -> tuple[F64x1, F64x2]:
     turn = wrap(after[2] - before[2])
     sine, cosine = sin_cos(before[2] + 0.5 * turn)
@@ -113,7 +113,7 @@ class Belief:
         return x, y, heading
 
     @property
-    def doubt(self) -> tuple[float, float, float, float, float, float]:
+    def pose_covariance(self) -> tuple[float, float, float, float, float, float]:
         """Return the upper triangle of the pose's covariance, row by row, for `Experience`."""
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.spread[:3, :3].tolist()
         return xx, xy, xt, yy, yt, tt
@@ -129,11 +129,11 @@ class Belief:
         """Return the 27 numbers of a checkpoint: the mean, and the upper triangle of the covariance, row by row."""
         return *self.mean.tolist(), *(float(self.spread[i, j]) for i, j in UPPER)
 
-    def moved(self, way_m: float, turn_rad: float, wheels: Wheels, *, touches: bool = False) -> Belief:
+    def moved(self, way_m: float, turn_rad: float, wheels: OdometryErrors, *, touches: bool = False) -> Belief:
         """Return the belief after odometry; arguments as in the function `moved`."""
         return Belief(*moved(self.mean, self.spread, float(way_m), float(turn_rad), touches, wheels))
 
-    def driven(self, before: Pose, after: Pose, wheels: Wheels, *, touches: bool = False) -> Belief:
+    def driven(self, before: Pose, after: Pose, wheels: OdometryErrors, *, touches: bool = False) -> Belief:
         """Return the belief after odometry has moved between two poses of its own frame; `touches` as in `moved`."""
         return Belief(*_driven(self.mean, self.spread, before, after, touches, wheels))
 
@@ -147,11 +147,11 @@ class Belief:
         mean, spread = self.mean, self.spread
         for sighting in sightings:
             mean, spread = corrected(mean, spread, sighting, sight)
-            spread = not_surer(spread, *floor)
+            spread = with_floor(spread, *floor)
         return Belief(mean, spread)
 
 
-def of_numbers(numbers: Sequence[float]) -> Belief | None:
+def belief_from_numbers(numbers: Sequence[float]) -> Belief | None:
     """Return the belief with these `Belief.numbers`, or None if they are not a valid mean and covariance."""
     if len(numbers) != NUMBERS or not all(math.isfinite(value) for value in numbers):
         return None

@@ -41,7 +41,7 @@ def pose_spread(spread: tuple[float, ...]) -> F64x2:
 
 
 @kernel
-def not_surer(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
+def with_floor(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
     """Return the covariance with at least these standard deviations, as sightings of one landmark share its error."""
     sure = spread.copy()
     for i in range(2):
@@ -51,7 +51,7 @@ def not_surer(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
 
 
 @kernel
-def doubt_of(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
+def place_deviations(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
     """Return the standard deviations of the place of a landmark seen at an offset: (along x, along y, largest).
 
     Args:

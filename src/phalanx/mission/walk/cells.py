@@ -14,7 +14,7 @@ from phalanx.arrays import F64x1, F64x2, I64x1, I64x2, U64x1, U64x2
 from phalanx.bundle import bundled
 from phalanx.crypto.sha3 import find
 from phalanx.kernel import kernel
-from phalanx.mission.pose.spread import Sight, doubt_of
+from phalanx.mission.pose.spread import Sight, place_deviations
 
 from .searched import RINGS_MOST, SPIRAL, Known, Numbers, keep, keep_tiles, row_of, untried
 
@@ -31,7 +31,7 @@ class Groups(NamedTuple):
     ends: I64x1  # (m + 1,) group g has the targets from ends[g] to ends[g + 1]
 
 
-class Doubt(NamedTuple):
+class PoseUncertainty(NamedTuple):
     """Uncertainty of the robot's pose, and limits of the search that follow from it."""
 
     x_m: float  # estimated position
@@ -102,7 +102,7 @@ def numbers_of(
 
 
 @kernel
-def level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
+def level_of(thing: F64x1, place: bool, steps: Steps, doubt: PoseUncertainty) -> int:
     """Return the index into RINGS for the search around a landmark's cell.
 
     Args:
@@ -110,7 +110,7 @@ def level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
         place: True for the robot's own position, False for a landmark.
     """
     ox, oy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
-    _, _, most = doubt_of(doubt.spread, ox, oy, doubt.sight)
+    _, _, most = place_deviations(doubt.spread, ox, oy, doubt.sight)
     if place:
         most = math.sqrt(max(doubt.spread[0, 0], doubt.spread[1, 1]))
     # The encoded landmark is in the middle of its cell, the seen one anywhere in its cell: add half a cell.
@@ -122,7 +122,7 @@ def level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
 
 
 @kernel
-def bins_beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -> tuple[bool, bool]:
+def bins_beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: PoseUncertainty) -> tuple[bool, bool]:
     """Return (True if the orientation may truly be in the next bin, True if in the previous one)."""
     if np.isnan(turn_rad):
         return False, False
@@ -138,7 +138,7 @@ def search_cells(  # noqa: C901  # a kernel is one function
     first: int,
     things: F64x2,
     place: bool,
-    doubt: Doubt,
+    doubt: PoseUncertainty,
     groups: Groups,
     steps: Steps,
     bins: int,
@@ -205,7 +205,7 @@ def search_cells(  # noqa: C901  # a kernel is one function
 
 @kernel
 def search_shapes(
-    begin: tuple[int, int], shapes: Shapes, seen: F64x2, doubt: Doubt, steps: Steps, left: int
+    begin: tuple[int, int], shapes: Shapes, seen: F64x2, doubt: PoseUncertainty, steps: Steps, left: int
 ) -> tuple[int, int, int, int, int, Numbers, int]:
     """Return (shape, landmark, pair, row of the targets, tries left, cell, next pair) of the next match of any shape.
 

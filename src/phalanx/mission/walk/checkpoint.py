@@ -41,7 +41,14 @@ _MOST_MAP_M, _MOST = 1e6, 1e9
 
 def encode_state(mission: EncodedMission, state: State) -> bytes:
     """Return the bytes of a state, without its keyring. Source: docs/spec/mission.md (Under audit)."""
-    along = (state.t_s, number_or_nan(state.since_s), state.fixed_at_m, state.left_at_m, *state.pulled_m, state.round)
+    along = (
+        state.t_s,
+        number_or_nan(state.since_s),
+        state.fixed_at_m,
+        state.left_at_m,
+        *state.corrected_m,
+        state.round,
+    )
     ends = (NOBODY if node is None else node for node in (state.at, state.target))
     out = [table.WALK.form.pack(_PHASES.index(state.phase), *ends, *along)]
     out += [_MANY.pack(len(state.opened)), *(_known(mission, *item) for item in state.opened.items())]
@@ -58,10 +65,10 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
 
     Raises: MalformedMission: not a possible state of this mission.
     """
-    phase, at, target, t_s, since_s, fixed_at_m, left_at_m, *pulled_m, round_ = reader.unpack(table.WALK)
+    phase, at, target, t_s, since_s, fixed_at_m, left_at_m, *corrected_m, round_ = reader.unpack(table.WALK)
     if phase >= len(_PHASES) or not (math.isfinite(t_s) or t_s == -math.inf):
         raise MalformedMission("a state with an unknown phase or an invalid time")
-    _finite(fixed_at_m, left_at_m, *pulled_m)
+    _finite(fixed_at_m, left_at_m, *corrected_m)
     _finite(number_or_none(since_s) or 0.0, below=LONGEST_S)
     count = len(mission.nodes)
     opened = dict(_parse_known(mission, reader) for _ in range(_count(reader, count)))
@@ -84,7 +91,7 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
         since_s=number_or_none(since_s),
         fixed_at_m=fixed_at_m,
         left_at_m=left_at_m,
-        pulled_m=(pulled_m[0], pulled_m[1]),
+        corrected_m=(corrected_m[0], corrected_m[1]),
         opened=MappingProxyType(opened),
         lengths_m=MappingProxyType(lengths),
         blocked=frozenset(blocked),

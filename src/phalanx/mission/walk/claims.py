@@ -19,7 +19,7 @@ from phalanx.mission.observable import OFFSET_M2, OFFSET_RAD, Action, Cell, Expe
 from phalanx.wire.missions import CLAIM
 
 from .gate import Hint
-from .search import doubt_in, is_around, placed
+from .search import is_around, placed, pose_uncertainty
 
 CLAIM_LIMIT = 16_384
 
@@ -78,7 +78,7 @@ def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
     return key if mark == alias.mark else None
 
 
-def shows(
+def match_of_claim(
     mission: EncodedMission,
     config: MissionConfig,
     claim: Claim,
@@ -97,7 +97,7 @@ def shows(
     if not _is_offset(coding, claim.offset) or not 0 <= claim.node < len(mission.nodes):
         return None
     shape, is_paper = claim.shape, mission.header.profile is Profile.PAPER
-    doubt = doubt_in(config, seen)
+    doubt = pose_uncertainty(config, seen)
     messages = heard if is_paper else (b"",) * shape.messages
     reach_dm = mission.nodes[claim.node].reach_dm
     for variant, at in placed(shape, coding, seen, messages, claim.offset, reach_dm):

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.observable import Experience, Landmark
-from phalanx.mission.pose.spread import doubt_of
+from phalanx.mission.pose.spread import place_deviations
 
 from .chart import MISFIT_2, Chart
 from .fix import (
@@ -53,7 +53,7 @@ def expected_chance_matches(config: MissionConfig, seen: Experience, matches: Se
         counted.append(truth)
         mean, spread, _ = fuse_matches(config, seen, matches[:i])
         x, y = moved_to_pose(seen, pair[0], mean)
-        along_x, along_y, most = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))
+        along_x, along_y, most = place_deviations(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))
         least = math.sqrt(max(0.0, along_x * along_x + along_y * along_y - most * most))
         often *= config.strangers_per_m2 * math.pi * MISFIT_2 * most * least
     return often

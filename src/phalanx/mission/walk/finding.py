@@ -14,12 +14,12 @@ from phalanx.config.parameter import made_once
 from phalanx.errors import UsageError
 from phalanx.mission.file.canonical import AT_POSITION
 from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
-from phalanx.mission.observable import Experience, InSight, Landmark, Offset, cell_of, middle_of
+from phalanx.mission.observable import Experience, Landmark, Offset, ScanLandmarks, cell_of, middle_of
 from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
 from .chart import Chart
-from .claims import Claim, Found, Unshown, shows, unlock
+from .claims import Claim, Found, Unshown, match_of_claim, unlock
 from .constellation import MISTAKEN, candidate_matches, constellation, expected_chance_matches
 from .fix import (
     Fix,
@@ -139,9 +139,9 @@ class Finder:
             if (node not in state.opened or node == state.target) and self.map.may_enter(node, state.opened)
         )
 
-    def tries_in_vain(self, state: State, seen: Experience) -> int | None:
+    def tries_if_ruled_out(self, state: State, seen: Experience) -> int | None:
         """Return the tries of the fast check if it rules out a find; None if the full search is needed."""
-        if not isinstance(seen.landmarks, InSight):
+        if not isinstance(seen.landmarks, ScanLandmarks):
             return None
         known, here = self._known(state), (state.at, state.target)
         if here not in known.gazes:
@@ -194,7 +194,7 @@ class Finder:
             (shapes, *more), others = search.parts(nodes, self._released(state))
             asked = [(shape, 0) for shape in others]
         else:
-            shapes, more = search.nothing(), []
+            shapes, more = search.empty_shapes(), []
             locks = [lock for node in nodes for lock in self._locks(state, node)]
             asked = [(lock.hint.shape, self.mission.nodes[lock.node].reach_dm) for lock in locks]
         # If several runs of shapes are packed, other shapes come between them, and tries must be counted in that order.
@@ -222,10 +222,10 @@ class Finder:
         else:
             keys = keys.remember(failed, self.config.tried_limit)
         if reason is Reason.NOTHING_SENSED:
-            reason = self.nothing(state, seen, budget.used).reason
+            reason = self.empty_find(state, seen, budget.used).reason
         return Find(keys, opened, fix, reason, budget.used)
 
-    def nothing(self, state: State, seen: Experience, tries: int) -> Find:
+    def empty_find(self, state: State, seen: Experience, tries: int) -> Find:
         """Return the result of a search that finds nothing."""
         reason = Reason.NOTHING_SENSED
         if tries or seen.landmarks or seen.sensors:
@@ -244,7 +244,7 @@ class Finder:
         clear = self._unexplained(state, seen, self._same(state, claim))
         if claim.node not in self.candidates(state):
             raise Unshown("the claimed node cannot be reached now")
-        found = shows(self.mission, self.config, claim, clear, state.heard, self._released(state))
+        found = match_of_claim(self.mission, self.config, claim, clear, state.heard, self._released(state))
         if found is None:
             raise Unshown("the reading does not show the claimed observables")
         if (key := unlock(self.mission, claim)) is None:

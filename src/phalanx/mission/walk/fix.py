@@ -17,8 +17,8 @@ from phalanx.config.mission import MissionConfig
 from phalanx.config.parameter import made_once
 from phalanx.mission.angles import sin_cos, wrap_rad
 from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, number_or_nan
-from phalanx.mission.pose.belief import Belief, Wheels
-from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
+from phalanx.mission.pose.belief import Belief, OdometryErrors
+from phalanx.mission.pose.spread import Sight, Sighting, corrected, misfit, place_deviations, pose_spread, with_floor
 
 from .chart import Chart, max_misfit, rotation_between
 
@@ -54,9 +54,9 @@ def sight_of(config: MissionConfig) -> Sight:
 
 
 @made_once
-def wheels_of(config: MissionConfig) -> Wheels:
+def odometry_errors_of(config: MissionConfig) -> OdometryErrors:
     """Return the standard deviations of odometry errors."""
-    return Wheels(
+    return OdometryErrors(
         config.odometry_way,
         config.odometry_turn,
         math.radians(config.odometry_curve_deg),
@@ -73,7 +73,7 @@ def floor_of(config: MissionConfig) -> tuple[float, float]:
 
 def initial_belief(config: MissionConfig, pose: Pose) -> Belief:
     """Return the belief of a robot placed at a pose, with unknown odometry errors."""
-    (place_m, turn_rad), wheels = floor_of(config), wheels_of(config)
+    (place_m, turn_rad), wheels = floor_of(config), odometry_errors_of(config)
     sure = (place_m, place_m, turn_rad, wheels.way, wheels.turn, wheels.curve)
     return Belief(np.array([*pose, 0.0, 0.0, 0.0]), np.diag([value * value for value in sure]))
 
@@ -116,7 +116,7 @@ def is_there(config: MissionConfig, seen: Experience, x_m: float, y_m: float) ->
 def doubt_m(config: MissionConfig, seen: Experience, landmark: Landmark) -> float:
     """Return the standard deviation of the place of a seen landmark, along the worst direction."""
     spread = pose_spread(seen.spread)
-    return doubt_of(spread, landmark.x_m - seen.x_m, landmark.y_m - seen.y_m, sight_of(config))[2]
+    return place_deviations(spread, landmark.x_m - seen.x_m, landmark.y_m - seen.y_m, sight_of(config))[2]
 
 
 def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned_rad: float = 0.0) -> Sighting:
@@ -148,7 +148,7 @@ def has_no_lookalike(config: MissionConfig, seen: Experience, pair: Match, mean:
     """
     observed, truth = pair
     x, y = moved_to_pose(seen, observed, mean)
-    doubt = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
+    doubt = place_deviations(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
     return length_m(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
 
 
@@ -223,7 +223,7 @@ def fuse_matches(
         match = _from_pose(seen, pair, mean)
         sightings.append(match)
         mean, spread = corrected(mean, spread, match, sight_of(config))
-        spread = not_surer(spread, *floor_of(config))
+        spread = with_floor(spread, *floor_of(config))
     return mean, spread, sightings
 
 

@@ -19,7 +19,7 @@ from phalanx.kernel import kernel
 from phalanx.mission.file.canonical import Shape
 from phalanx.mission.pose.spread import Sight
 
-from .cells import Doubt, Shapes, Steps, search_shapes
+from .cells import PoseUncertainty, Shapes, Steps, search_shapes
 from .chart import KIND, NO_TEXT, TEXT, TURN, Chart, X, Y, may_match
 from .fix import GROWN, floor_of, sight_of
 from .search import LANDMARK_PLACES
@@ -120,6 +120,6 @@ def glance(gaze: SearchTarget, seen: F64x2, x_m: float, y_m: float, spread: F64x
             for k in range(5):
                 dark[count, k] = seen[i, k]
             count += 1
-    around = Doubt(x_m, y_m, spread, sight, gaze.sigmas, gaze.within_m)
+    around = PoseUncertainty(x_m, y_m, spread, sight, gaze.sigmas, gaze.within_m)
     hit, _, _, _, left, _, _ = search_shapes((0, 0), gaze.shapes, dark[:count], around, gaze.steps, tries)
     return NOBODY if hit >= 0 else left

@@ -32,7 +32,7 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.pose.spread import pose_spread
 
-from .cells import BIN_STEPS, RINGS, Doubt, bins_beside, level_of
+from .cells import BIN_STEPS, RINGS, PoseUncertainty, bins_beside, level_of
 from .fix import distance_m, sight_of
 
 READINGS_LIMIT = 16  # readings used of one experience: combinations of more would let one sensor use up the budget
@@ -77,16 +77,16 @@ class Variant(NamedTuple):
         )
 
 
-def doubt_in(config: MissionConfig, seen: Experience) -> Doubt:
+def pose_uncertainty(config: MissionConfig, seen: Experience) -> PoseUncertainty:
     """Return the uncertainty of the pose in an experience, which limits the search."""
     place = float(seen.x_m), float(seen.y_m)
-    return Doubt(*place, pose_spread(seen.spread), sight_of(config), config.sigmas, config.tolerance_m)
+    return PoseUncertainty(*place, pose_spread(seen.spread), sight_of(config), config.sigmas, config.tolerance_m)
 
 
 def is_around(
     shape: Shape,
     coding: CodingConfig,
-    doubt: Doubt,
+    doubt: PoseUncertainty,
     landmark: Landmark | None,
     centre: Cell,
     offset: Offset,
@@ -102,7 +102,7 @@ def is_around(
 
 
 def region(
-    shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark | None, offset: Offset
+    shape: Shape, coding: CodingConfig, doubt: PoseUncertainty, landmark: Landmark | None, offset: Offset
 ) -> tuple[int, list[int], int]:
     """Return (rings of cells to search, steps of bins to search, total number of bins)."""
     if not shape.place:

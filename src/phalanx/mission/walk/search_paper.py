@@ -17,10 +17,10 @@ from phalanx.mission.file.canonical import AT_POSITION, Shape, cell_at
 from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import LANDMARK_TYPES, Cell, Experience, Offset, bins_of, rows_of, steps_of
 
-from .cells import BIN_STEPS, OWN, RINGS, Doubt, Groups, Message, Shapes, pack, search_cells, search_shapes
+from .cells import BIN_STEPS, OWN, RINGS, Groups, Message, PoseUncertainty, Shapes, pack, search_cells, search_shapes
 from .claims import Claim, Found
-from .search import LANDMARK_PLACES, Budget, Variant, doubt_in, variants
-from .searched import Searched
+from .search import LANDMARK_PLACES, Budget, Variant, pose_uncertainty, variants
+from .searched import SearchMemory
 
 TARGETS_LIMIT = 4096
 _BARE = Variant(None, (), None, None, ())
@@ -63,7 +63,7 @@ class PaperSearch:
         self.steps = steps_of(mission.header.coding)
         self._among = made_once(self._candidates_of)
         self._targets = lru_cache(TARGETS_LIMIT)(self._targets_of)
-        self._searched = Searched()
+        self._searched = SearchMemory()
 
     def _targets_of(self, aliases: tuple[tuple[int, int], ...]) -> Targets:
         return Targets([self._mission.nodes[node].aliases[alias].mark for node, alias in aliases])
@@ -96,9 +96,9 @@ class PaperSearch:
         """Return the shapes that need only a place, packed for kernels, and the other shapes."""
         parts = self._parts(self._among(nodes), released)
         together = [arrays for _, arrays in parts if arrays is not None]
-        return together or [self.nothing()], [shape for same, arrays in parts if arrays is None for shape in same]
+        return together or [self.empty_shapes()], [shape for same, arrays in parts if arrays is None for shape in same]
 
-    def nothing(self) -> Shapes:
+    def empty_shapes(self) -> Shapes:
         """Return packed shapes that match nothing."""
         none, searched = np.empty((0, 3), np.int64), (*self._among(()).arrays, *self._searched.known)
         return pack(Shapes(none, none, none, np.empty((0, 1), np.uint64), *searched))
@@ -136,7 +136,7 @@ class PaperSearch:
             released: hash H of the previous node, for chained nodes.
             budget: reduced by each try; the search ends when it is used up.
         """
-        among, doubt = self._among(nodes), doubt_in(self._config, seen)
+        among, doubt = self._among(nodes), pose_uncertainty(self._config, seen)
         for shapes, arrays in self._parts(among, released):
             if arrays is not None:
                 yield from self._at_once(among, shapes, arrays, seen, released, doubt, budget)
@@ -159,7 +159,7 @@ class PaperSearch:
         arrays: Shapes,
         seen: Experience,
         released: bytes,
-        doubt: Doubt,
+        doubt: PoseUncertainty,
         budget: Budget,
     ) -> Iterator[Found]:
         """Yield matches of shapes that need only a place."""
@@ -183,7 +183,7 @@ class PaperSearch:
         message: Callable[[Cell], bytes],
         lanes: I64x1,
         seen: Experience,
-        doubt: Doubt,
+        doubt: PoseUncertainty,
         budget: Budget,
     ) -> Iterator[Found]:
         """Yield matches of variants whose hashes differ only in the cell, searched around the cell for each group."""

@@ -29,12 +29,12 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.pose.spread import Sighting, misfit
 
-from .cells import Doubt
+from .cells import PoseUncertainty
 from .chart import max_misfit, rotation_between
 from .claims import Claim, Found
 from .fix import is_there
 from .gate import Hint
-from .search import Budget, Variant, doubt_in, placed, region
+from .search import Budget, Variant, placed, pose_uncertainty, region
 from .searched import SPIRAL, spiral
 
 
@@ -101,7 +101,7 @@ def _jobs(
     heard: tuple[bytes, ...],
 ) -> Iterator[tuple[float, int, Variant, Cell]]:
     """Yield (misfit of the middle of the cell, index of the candidate, variant, cell)."""
-    coding, doubt = mission.header.coding, doubt_in(config, seen)
+    coding, doubt = mission.header.coding, pose_uncertainty(config, seen)
     for k, candidate in enumerate(candidates):
         shape, offset = candidate.hint.shape, candidate.hint.offset
         reach_dm = mission.nodes[candidate.node].reach_dm
@@ -119,7 +119,7 @@ def _jobs(
 
 
 def cells_that_fit(
-    shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark, centre: Cell, offset: Offset
+    shape: Shape, coding: CodingConfig, doubt: PoseUncertainty, landmark: Landmark, centre: Cell, offset: Offset
 ) -> list[tuple[float, Cell]]:
     """Return (misfit, cell) for each cell in which a landmark may truly be, ring after ring."""
     rings, steps, bins = region(shape, coding, doubt, landmark, offset)
@@ -149,7 +149,7 @@ def _that_fit(
     half: bool,
     offset: tuple[int, int, int],
     units: tuple[int, float],
-    doubt: Doubt,
+    doubt: PoseUncertainty,
 ) -> tuple[I64x2, F64x1]:
     """Return ((k, 3) x, y and bin, (k,) misfit) of the cells around `centre` that fit.
 

@@ -132,7 +132,7 @@ def keep_tiles(known: Known, lane: int, numbers: Numbers, rings: int, bits: I64x
         known.tiles[row_of(known.tiles, lane, tile), 5] = bits[k]
 
 
-class Searched:
+class SearchMemory:
     """Memory of the searches of one mission that found nothing.
 
     A lane is a number for all inputs of a search except the cell: the other hashed data and the wanted digests.

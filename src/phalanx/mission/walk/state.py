@@ -114,7 +114,7 @@ class State:
     fixed_at_m: float = 0.0  # distance travelled at the last fix
     left_at_m: float = 0.0  # distance travelled when `at` was validated
     # Sum of the corrections of the position by known landmarks since then
-    pulled_m: tuple[float, float] = (0.0, 0.0)
+    corrected_m: tuple[float, float] = (0.0, 0.0)
     opened: Mapping[int, Known] = field(default_factory=dict)
     lengths_m: Mapping[tuple[int, int], float] = field(default_factory=dict)
     blocked: frozenset[tuple[int, int]] = frozenset()  # ways that timed out or were blocked

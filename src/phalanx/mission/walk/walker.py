@@ -113,7 +113,7 @@ class Walker:
         nothing = Find(state.keys, None, None, Reason.NOTHING_SENSED, 0)
         return self._walked(state, seen, self.pose_from_known(state, seen), nothing)
 
-    def hear(self, state: State, message: bytes) -> State:
+    def receive(self, state: State, message: bytes) -> State:
         """Return the state after an encoded message was received."""
         return replace(state, heard=self._heard(state, (message,)))
 
@@ -153,8 +153,8 @@ class Walker:
     def _glance(self, state: State, seen: Experience) -> Find | None:
         """Return the empty result if the fast check rules out a find; None if not, or if a value is implausible."""
         is_sane = _is_on_plane(seen) and 0.0 <= seen.travelled_m <= FAR_M
-        tries = self._finder.tries_in_vain(state, seen) if is_sane else None
-        return None if tries is None else self._finder.nothing(state, seen, tries)
+        tries = self._finder.tries_if_ruled_out(state, seen) if is_sane else None
+        return None if tries is None else self._finder.empty_find(state, seen, tries)
 
     def _heard(self, state: State, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
         if not messages:
@@ -190,8 +190,8 @@ class Walker:
     def _pulled(self, state: State, seen: Experience, fix: Fix) -> tuple[float, float]:
         """Return the sum of the corrections by known landmarks, with this fix."""
         if pose_doubt_m(seen) > self.config.drift_base_m:
-            return state.pulled_m  # a large correction is expected: the covariance is large
-        return state.pulled_m[0] + (fix.x_m - seen.x_m), state.pulled_m[1] + (fix.y_m - seen.y_m)
+            return state.corrected_m  # a large correction is expected: the covariance is large
+        return state.corrected_m[0] + (fix.x_m - seen.x_m), state.corrected_m[1] + (fix.y_m - seen.y_m)
 
     def _decoded(
         self, state: State, seen: Experience, opened: Opened, fix: Fix | None, trials: int
@@ -209,7 +209,7 @@ class Walker:
             since_s=seen.t_s,
             fixed_at_m=seen.travelled_m if fix else state.fixed_at_m,
             left_at_m=seen.travelled_m,
-            pulled_m=(0.0, 0.0),
+            corrected_m=(0.0, 0.0),
             opened=MappingProxyType(nodes),
             lengths_m=MappingProxyType(lengths),
             keys=self._finder.keys_of(state, opened),
@@ -223,7 +223,7 @@ class Walker:
 
     def _walked(self, state: State, seen: Experience, again: Fix | None, find: Find) -> tuple[State, Outcome]:
         if again is not None:
-            state = replace(state, fixed_at_m=seen.travelled_m, pulled_m=self._pulled(state, seen, again))
+            state = replace(state, fixed_at_m=seen.travelled_m, corrected_m=self._pulled(state, seen, again))
         state, event, why = self._not_validated(state, seen)
         return state, Outcome(self.order(state), reason=why or find.reason, fix=again, trials=find.trials, event=event)
 
@@ -260,7 +260,7 @@ class Walker:
         since, event = seen.t_s if state.since_s is None else state.since_s, None
         if self._has_passed(state, seen):
             event = Event.PASSED
-            state = replace(state, at=state.target, left_at_m=seen.travelled_m, pulled_m=(0.0, 0.0))
+            state = replace(state, at=state.target, left_at_m=seen.travelled_m, corrected_m=(0.0, 0.0))
         elif state.phase is Phase.RETURNING and self._is_near(state.at, state, seen):
             event = Event.BACK
         if event is not None:

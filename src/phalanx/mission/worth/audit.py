@@ -27,7 +27,7 @@ from phalanx.mission.walk.search import WINDOWS
 from .feasible import look_ahead
 from .guessing import OUT_OF_REACH, Alias, Guess, landmark_of
 from .outlook import Outlook
-from .shown import Shown, shown_by
+from .shown import PlanCandidates, candidates_in
 
 PAPER_SCRYPT = 8 << 12  # N * r for which the rates of scrypt are given
 
@@ -73,7 +73,7 @@ class Audit:
     problems: tuple[str, ...]
     feasible: bool | None  # True if robots can be expected to complete the mission; None if not predicted
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the audit as a JSON-ready dict."""
         rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in self.nodes]
         # JSON has no infinity, and 0 would mean that cracking is free: use null.
@@ -103,7 +103,7 @@ def audit_in(
         profile,
         open_start=open_start,
         rates=rates,
-        plan=shown_by(floor, offset_mm) if floor else None,
+        plan=candidates_in(floor, offset_mm) if floor else None,
         outlook=look_ahead(mission, None, floor, lidar),
         doors=floor.extraction if floor else None,
     )
@@ -116,7 +116,7 @@ def audit(
     open_start: bool = False,
     config: MissionConfig | None = None,
     rates: Rates | None = None,
-    plan: Shown | None = None,
+    plan: PlanCandidates | None = None,
     outlook: Outlook | None = None,
     doors: ExtractionConfig | None = None,
 ) -> Audit:

@@ -17,7 +17,7 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.angles import wrap_rad
 from phalanx.mission.authoring.compiling import direction_of
-from phalanx.mission.authoring.findable import Looks, is_written_twice
+from phalanx.mission.authoring.findable import SimulatedScans, is_duplicate
 from phalanx.mission.authoring.free import GRID_M, Free
 from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.landmarks import FloorPlan
@@ -34,9 +34,9 @@ from phalanx.mission.walk.fix import (
     initial_belief,
     is_sure,
     is_there,
+    odometry_errors_of,
     pose_doubt_m,
     unambiguous,
-    wheels_of,
 )
 
 from .outlook import SPEED_MPS, Outlook
@@ -81,7 +81,7 @@ def look_ahead(
     return _Predictor(mission, config or MissionConfig(), plan, lidar or LidarConfig()).run()
 
 
-def ways_in_vain(
+def failing_ways(
     mission: Mission, plan: FloorPlan, lidar: LidarConfig | None = None
 ) -> tuple[Outlook, set[Way], set[Way]]:
     """Return the prediction; ways that work only once more landmarks are known; and ways that never work.
@@ -89,7 +89,7 @@ def ways_in_vain(
     A robot has no map, so it tries any way, and may get lost on one that fails.
     """
     scout = _Predictor(mission, MissionConfig(), plan, lidar or LidarConfig())
-    outlook, vain = scout.run(), scout.in_vain() | scout.vain
+    outlook, vain = scout.run(), scout.always_failing() | scout.vain
     late = vain & {stand.by for stand in scout.at.values() if stand.by is not None}
     return outlook, late, vain - late
 
@@ -112,7 +112,7 @@ class _Predictor:
         self.vain: set[Way] = set()  # ways that failed at the first try
         starts = [node.place for node in mission.nodes if node.start and node.place is not None]
         self.free = None if plan is None else Free(plan, starts)
-        self.looks = None if plan is None else Looks(plan, lidar, as_drawn=True)
+        self.looks = None if plan is None else SimulatedScans(plan, lidar, as_drawn=True)
         self.shown_m2: dict[str, float] = {}
 
     def run(self) -> Outlook:
@@ -138,7 +138,7 @@ class _Predictor:
         doubtful = {name: why for name, why in self.doubtful.items() if name not in dark}
         return Outlook(dark, doubtful, tuple(self.at))
 
-    def in_vain(self) -> set[Way]:
+    def always_failing(self) -> set[Way]:
         """Return the ways that fail even with all landmarks known; call it after `run`."""
         known, vain = self.known, set[Way]()
         for way in self.mission.ways:
@@ -196,7 +196,7 @@ class _Predictor:
         direction = direction_of(way, (x, y), there)
         if way.direction_rad is not None or direction is None:
             direction = direction_of(PlainWay(source=way.source, target=way.target), (x, y), there) or heading
-        belief = belief.moved(0.0, wrap_rad(direction - heading), wheels_of(self.config))
+        belief = belief.moved(0.0, wrap_rad(direction - heading), odometry_errors_of(self.config))
         end = self._driven(source, target, belief, length_m)
         return end if isinstance(end, str) else _Reached(end, stand.length_m + length_m, (way.source, way.target))
 
@@ -209,7 +209,7 @@ class _Predictor:
         is_decoded, there, shown, found = False, belief, side is not None, 0
         steps = max(1, math.ceil(length_m / STEP_M))
         for i in range(steps + (round(BEYOND_M / STEP_M) if shown else 0) + 1):
-            seen = Experience(0.0, *belief.pose, spread=belief.doubt)
+            seen = Experience(0.0, *belief.pose, spread=belief.pose_covariance)
             eyes = [seen] if side is None else self._eyes(seen, side, target)
             if i > steps and not (is_decoded or eyes) and passed:
                 # A wall stops the robot, and it turns around.
@@ -229,7 +229,7 @@ class _Predictor:
                 if certain:
                     belief = fixed(self.config, belief, fix_from(self.config, eyes[0], certain))
             there = belief if i <= steps or is_decoded else there
-            belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
+            belief = belief.moved(length_m / steps, 0.0, odometry_errors_of(self.config))
         if found and not is_decoded:
             whys.append(f"scans show it from one place on the straight way, robots need {SHOWN_STEPS}")
         if not is_decoded and (shown or not (len(whys) == 1 and self._is_seen_beside(target))):
@@ -271,7 +271,7 @@ class _Predictor:
                 whys.append(f"uncertainty of the position {doubt:.2f} m, more than {most_m:.2f} m")
             return is_there(self.config, seen, *(target.place or (0.0, 0.0)))
         for thing in self._in_sight(seen, target):
-            if any(is_written_twice(thing, known) for known in self.known):
+            if any(is_duplicate(thing, known) for known in self.known):
                 whys.append("mistaken for a known node centimetres away: give both the same place")
                 continue
             if shown and not (self.looks and self.looks.shows(_pose(seen), thing)):

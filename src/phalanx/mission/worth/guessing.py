@@ -15,7 +15,7 @@ from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.observable import MM_PER_M, Landmark, Observable, Sensor, bins_of, sector_of
 from phalanx.mission.walk.search import WINDOWS
 
-from .shown import Before, Shown, cell_in
+from .shown import Before, PlanCandidates, cell_in
 
 OUT_OF_REACH = float(1 << 128)  # a number of candidates that no attacker can try
 Alias = tuple[Observable, ...]
@@ -25,7 +25,7 @@ class Guess:
     """Upper bounds of the candidates of an attacker who tries one node after the other; cheaper orders are known."""
 
     def __init__(
-        self, mission: Mission, coding: CodingConfig, profile: Profile, open_start: bool, plan: Shown | None
+        self, mission: Mission, coding: CodingConfig, profile: Profile, open_start: bool, plan: PlanCandidates | None
     ) -> None:
         self.coding, self.profile, self.open_start = coding, profile, open_start
         self.plan = plan
@@ -66,7 +66,7 @@ class Guess:
             return ()
         return [None] if node.start else self.before.get(node.name, [None])
 
-    def _by_plan(self, plan: Shown, node: Node, way: PlainWay | None) -> float:
+    def _by_plan(self, plan: PlanCandidates, node: Node, way: PlainWay | None) -> float:
         before, tried = self._before(node, way), 0.0
         # The attacker starts with the alias that costs least, and stops at one that is out of reach.
         for alias in sorted(node.see, key=lambda each: self._rest(each, node)):

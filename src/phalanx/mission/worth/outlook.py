@@ -38,7 +38,7 @@ class Outlook:
         return True
 
 
-def time_for_s(mission: Mission, profile: Profile = Profile.PAPER) -> float:
+def time_limit_s(mission: Mission, profile: Profile = Profile.PAPER) -> float:
     """Return a time limit for a mission, from the length of the minimum spanning tree of its ways."""
     places = {node.name: node.place for node in mission.nodes}
     net = {name: name for name in places}

@@ -51,7 +51,7 @@ class Before(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class PlanCandidates:
     """All candidate places in a floor plan.
 
     Args:
@@ -103,7 +103,7 @@ def cell_in(coding: CodingConfig, shape: Shape, offset: Offset, thing: Landmark 
     return cell._replace(bin=cell.bin if shape.oriented else -1, area=cell.area if shape.area else -1)
 
 
-def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
+def candidates_in(plan: FloorPlan, rounded_mm: int) -> PlanCandidates:
     """Return the candidates in a floor plan: landmarks as drawn, landmarks as a lidar sees them, and positions.
 
     Args:
@@ -112,12 +112,12 @@ def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
     """
     sites, alike = landmarks_of(plan), look_alikes_of(plan)
     looked_at, beside = sighted(plan, sites)
-    seen = [site for site in (each.left(each.site.aliases) for each in looked_at) if site is not None]
+    seen = [site for site in (each.with_aliases(each.site.aliases) for each in looked_at) if site is not None]
     start = plan.start or most_spacious_start(plan)
     known: list[Landmark | Position] = [Position(start[0], start[1])]
     known += [*_apart(sites, alike), *_apart(seen, (*alike, *beside))]
     known += [Position(thing.x_m, thing.y_m) for thing in known if isinstance(thing, Landmark)]
-    return Shown(tuple(known), np.array([_row(thing) for thing in known], np.float64), rounded_mm)
+    return PlanCandidates(tuple(known), np.array([_row(thing) for thing in known], np.float64), rounded_mm)
 
 
 def _apart(sites: Sequence[Site], alike: Iterable[Landmark]) -> Iterator[Landmark]:

@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 from phalanx.config.front import FrontConfig
 from phalanx.net.seats import place_of
-from phalanx.pace import Pace, Paces
+from phalanx.pace import TokenBucket, TokenBuckets
 
 from .newcomers import Newcomers
 from .turns import Turns
@@ -60,15 +60,15 @@ class Arrivals:
         self._limits, self._newcomers, self._make, self._tls = limits, newcomers, make, tls
         self._behind_proxy = behind_proxy
         now_s = time.monotonic()
-        own = Paces(limits.arrivals_per_s_per_address, limits.arrivals_at_once_per_address)
+        own = TokenBuckets(limits.arrivals_per_s_per_address, limits.arrivals_at_once_per_address)
         self.turns: Turns[Arrival] = Turns(
             self._serve,
             Arrival.leave,
-            Pace(limits.arrivals_per_s, ARRIVALS_AT_ONCE, now_s),
+            TokenBucket(limits.arrivals_per_s, ARRIVALS_AT_ONCE, now_s),
             None if behind_proxy else own,
             waiting_max=limits.arrivals_waiting_max,
         )
-        self._accepts = Pace(limits.accepts_per_s, AT_ONCE, now_s)
+        self._accepts = TokenBucket(limits.accepts_per_s, AT_ONCE, now_s)
         self._tasks: set[asyncio.Task[None]] = set()
         self._listening: list[socket.socket] = []
 

@@ -20,7 +20,7 @@ from typing import Self
 
 from phalanx.config.front import FrontConfig
 from phalanx.errors import Unavailable
-from phalanx.net.children import BEGINS_WITHIN_S, PROBE_TIMEOUT_S, a_python_child, kept
+from phalanx.net.children import BEGINS_WITHIN_S, PROBE_TIMEOUT_S, run_python_child, supervise_child
 from phalanx.net.ports import listen
 from phalanx.wire.front import NUMBERS_MAX, FromFront, ToFront, pack_numbers
 from phalanx.wire.record import MalformedRecord
@@ -127,7 +127,7 @@ class Front:
             self._listening = stack.enter_context(listen(self._host, self.port, IF_TAKEN))
             self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UNREAD_BYTES)  # of each connection
             self.port = int(self._listening.getsockname()[1])
-            await stack.enter_async_context(kept("the front end", self._child, self._serves, self._begins))
+            await stack.enter_async_context(supervise_child("the front end", self._child, self._serves, self._begins))
             self._stack = stack.pop_all()
         return self
 
@@ -188,7 +188,7 @@ class Front:
         with ours, theirs:
             numbers = (theirs.fileno(), self._listening.fileno())
             words = (*map(str, (*numbers, self._highest + 1)), *self._words, *self._tls)
-            async with a_python_child("phalanx.net.front.serve", *words, pass_fds=numbers) as process:
+            async with run_python_child("phalanx.net.front.serve", *words, pass_fds=numbers) as process:
                 theirs.close()
 
                 def lost(error: Exception | None) -> None:

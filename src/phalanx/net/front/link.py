@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from phalanx.config.front import FrontConfig
 from phalanx.net.site import Connection
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 
 READ_BYTES = 4 * 1024  # size of a read, which bounds a connection's unprocessed data; empty frames take 25 times that
 SEND_BUFFER_BYTES = 32 * 1024  # send buffer of the kernel
@@ -36,8 +36,8 @@ class Link:
         self.pending: asyncio.Future[None] | None = None
         self.data = b""
         self._limits = limits
-        self._messages = Pace(limits.messages_per_s, limits.messages_at_once, now_s)
-        self._bytes = Pace(limits.bytes_per_s, limits.bytes_at_once, now_s)
+        self._messages = TokenBucket(limits.messages_per_s, limits.messages_at_once, now_s)
+        self._bytes = TokenBucket(limits.bytes_per_s, limits.bytes_at_once, now_s)
         self._written = self._taken = 0  # bytes written, and of these sent at the last check
         self._taken_at_s = now_s
         self._is_owed = False  # a message other than an update is unsent

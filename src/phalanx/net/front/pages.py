@@ -17,7 +17,7 @@ from aiohttp import web
 from phalanx.config.front import FrontConfig
 from phalanx.net.seats import Seats, place_of
 from phalanx.net.site import Connection, Site, connection_of
-from phalanx.pace import Pace, Paces
+from phalanx.pace import TokenBucket, TokenBuckets
 from phalanx.wire.sessions import LINK_PATH
 
 from .arrivals import Arrivals
@@ -113,14 +113,14 @@ class FrontSite(Site):
         self.links = Links(limits, self._newcomers, first, self._admitted, self._refused)
         now_s = time.monotonic()
         self._requests = _queue(
-            Pace(limits.requests_per_s, REQUESTS_AT_ONCE, now_s),
-            Paces(limits.requests_per_s_per_address, limits.requests_at_once_per_address),
+            TokenBucket(limits.requests_per_s, REQUESTS_AT_ONCE, now_s),
+            TokenBuckets(limits.requests_per_s_per_address, limits.requests_at_once_per_address),
             limits,
         )
         # Behind a proxy, arrivals are counted by websocket, not by connection.
         self._forwarded = _queue(
-            Pace(limits.arrivals_per_s, REQUESTS_AT_ONCE, now_s),
-            Paces(limits.arrivals_per_s_per_address, limits.arrivals_at_once_per_address),
+            TokenBucket(limits.arrivals_per_s, REQUESTS_AT_ONCE, now_s),
+            TokenBuckets(limits.arrivals_per_s_per_address, limits.arrivals_at_once_per_address),
             limits,
         )
         self._arrivals = Arrivals(limits, self._newcomers, self._connect, tls, behind_proxy=behind_proxy)
@@ -141,7 +141,7 @@ class FrontSite(Site):
             self.app.router.add_get(root, InMemory(index) if index.is_file() else self._index)
 
     def _admitted(self, connection: Connection) -> None:
-        self._seats.know(connection)
+        self._seats.mark_known(connection)
         self._charge(connection.place, -self._limits.given_back)
         self._requests.charge(connection.place, -self._limits.given_back)
 
@@ -213,7 +213,7 @@ class FrontSite(Site):
                     queue.forget(now_s)
 
 
-def _queue(pace: Pace, paces: Paces, limits: FrontConfig) -> Turns[asyncio.Future[bool]]:
+def _queue(pace: TokenBucket, paces: TokenBuckets, limits: FrontConfig) -> Turns[asyncio.Future[bool]]:
     return Turns(_settle(True), _settle(False), pace, paces, waiting_max=limits.arrivals_waiting_max)
 
 

@@ -18,8 +18,8 @@ import sys
 from pathlib import Path
 
 from phalanx.config.front import FrontConfig
-from phalanx.net.children import end_with
-from phalanx.net.seats import allow_files
+from phalanx.net.children import end_with_parent
+from phalanx.net.seats import raise_file_limit
 from phalanx.net.site import FILES_EACH
 
 from .pages import FrontSite
@@ -35,7 +35,7 @@ async def serve(arguments: list[str]) -> None:
     """Serve until the gateway closes the pipe, or SIGTERM."""
     pipe_number, door_number, first, pages, operator, policy, limits_json, proxy_json, public, *files = arguments
     limits = FrontConfig(**json.loads(limits_json))
-    allow_files(4 * FILES_EACH * limits.connections_max)
+    raise_file_limit(4 * FILES_EACH * limits.connections_max)
     over = asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGTERM, over.set)
@@ -66,6 +66,6 @@ def yield_to_gateway() -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends this process
-    end_with(int(sys.argv[1]))
+    end_with_parent(int(sys.argv[1]))
     yield_to_gateway()
     asyncio.run(serve(sys.argv[2:]))

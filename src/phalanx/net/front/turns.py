@@ -8,7 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
-from phalanx.pace import Pace, Paces
+from phalanx.pace import TokenBucket, TokenBuckets
 
 Item = TypeVar("Item")
 
@@ -89,8 +89,8 @@ class Turns(Generic[Item]):
         self,
         serve: Callable[[Item], None],
         refuse: Callable[[Item], None],
-        pace: Pace,
-        paces: Paces | None = None,
+        pace: TokenBucket,
+        paces: TokenBuckets | None = None,
         *,
         waiting_max: int,
         has_room: Callable[[], bool] = lambda: True,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
 from phalanx.config.front import FrontConfig
-from phalanx.pace import Pace
+from phalanx.pace import TokenBucket
 
 from .turns import Turns
 
@@ -45,7 +45,7 @@ class Window(Generic[Who]):
         self._limits = limits
         self._pass_on = pass_on
         self._admitted: OrderedDict[Who, None] = OrderedDict()
-        self._pace = Pace(limits.newcomers_share * US, NEWCOMERS_AT_ONCE_US, now_s)
+        self._pace = TokenBucket(limits.newcomers_share * US, NEWCOMERS_AT_ONCE_US, now_s)
         self._newcomers: Turns[Who] = Turns(
             self._go,
             self._settle,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from phalanx.papers.statement import Statement
 from phalanx.papers.table import Rows, Table, read_data
 from phalanx.scenarios.scenario import Scenario
-from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.play import run_scenario
 from phalanx.world.scenarios.run import Run
 
 COLUMNS = (
@@ -85,7 +85,7 @@ def measure_costs(scenario: Scenario, tell: Callable[[float], None]) -> Rows:
             neighbours.append(_neighbours(run))
         tell(now_s / scenario.duration_s)
 
-    summary = play(scenario, on_step=look).summary()
+    summary = run_scenario(scenario, on_step=look).summary()
     rates = summary["tried_bytes_per_s_per_robot"]
     return np.array(
         [

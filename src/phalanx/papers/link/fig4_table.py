@@ -10,7 +10,7 @@ from typing import Any, Literal, cast, get_args
 
 from phalanx.errors import UsageError
 from phalanx.papers.statement import Report, Statement
-from phalanx.papers.table import ELSEWHERE, Table
+from phalanx.papers.table import OTHER_FOLDER_HINT, Table
 
 Kind = Literal["plain", "sealed"]
 Outcome = Literal["back", "lost", "late", "cut"]
@@ -61,12 +61,12 @@ def packets(table: Table) -> Packets:
     """
     found: dict[Kind, dict[int, Row]] = {kind: {} for kind in KINDS}
     if table.columns != COLUMNS or {"broker", "interval_s", "lost_after_s"} - table.origin.keys():
-        raise UsageError(f"{table.figure} was measured otherwise: other columns, or another origin", ELSEWHERE)
+        raise UsageError(f"{table.figure} was measured otherwise: other columns, or another origin", OTHER_FOLDER_HINT)
     for number, line in table.lines:
         try:
             row = _parse_row(line)
         except ValueError as error:
-            raise UsageError(f"line {number} of {table.figure}.csv is not a packet", ELSEWHERE) from error
+            raise UsageError(f"line {number} of {table.figure}.csv is not a packet", OTHER_FOLDER_HINT) from error
         found[row.kind][row.seq] = row
     return {kind: tuple(rows[seq] for seq in sorted(rows)) for kind, rows in found.items()}
 

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
-from phalanx.mission.authoring.findable import apart_in
+from phalanx.mission.authoring.findable import mark_lookalikes_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, odometry_errors_of
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.papers.table import Rows, Table
 from phalanx.world.building.floorplan import DEFAULT, load_floorplan
@@ -63,7 +63,9 @@ class Drive:
         return x, y, heading
 
 
-def driven(plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float) -> Iterator[tuple[Pose, Motion]]:
+def poses_along(
+    plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float
+) -> Iterator[tuple[Pose, Motion]]:
     """Yield a robot's true poses along a path, and its wheel motion since the previous tick.
 
     The robot drives straight between the points of the path and stops at its end. The iterator never ends.
@@ -90,7 +92,7 @@ def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
     """
     plan = load_floorplan(DEFAULT)
     lidar, chance = Lidar(plan.walls), np.random.default_rng([seed, 8])
-    ticks = list(islice(driven(plan, PATH_M, SPEED_MPS), round(duration_s / TICK_S)))
+    ticks = list(islice(poses_along(plan, PATH_M, SPEED_MPS), round(duration_s / TICK_S)))
     poses, motions = zip(*ticks, strict=True)
     return Drive(np.array(poses), np.array(motions), tuple(lidar.sweep(pose, chance) for pose in poses))
 
@@ -98,7 +100,7 @@ def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
 def office() -> Mission:
     """Return the built-in mission with the 32 landmarks of the default floor plan."""
     text = (importlib.resources.files("phalanx") / "data" / "missions" / "office.yaml").read_text()
-    return apart_in(load_floorplan(DEFAULT), plain_mission(yaml.safe_load(text)))
+    return mark_lookalikes_in(load_floorplan(DEFAULT), plain_mission(yaml.safe_load(text)))
 
 
 @lru_cache(maxsize=16)
@@ -147,9 +149,9 @@ def replay(
     extraction = ExtractionConfig(feature_range_m=feature_range_m)
     odometry, estimates, trials = [], [], []
     for i, ((distance_m, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
-        belief = belief.driven(alone.pose, alone.step(distance_m, turn), wheels_of(PATIENT))
+        belief = belief.driven(alone.pose, alone.step(distance_m, turn), odometry_errors_of(PATIENT))
         landmarks = extract(scan, extraction).landmarks(*belief.pose)
-        seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.doubt)
+        seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.pose_covariance)
         state, outcome = walker.step(state, seen)
         if outcome.fix is not None:
             belief = fixed(PATIENT, belief, outcome.fix)

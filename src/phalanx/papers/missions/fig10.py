@@ -18,7 +18,7 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.codes import read_codes
-from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, odometry_errors_of
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.walker import State, Walker
@@ -29,7 +29,7 @@ from phalanx.world.building.camera import Camera
 from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.building.odometry import NoiseModel, Odometry, OdometryNoise, Pose
 
-from .drive import PATIENT, TICK_S, driven, path_errors_m
+from .drive import PATIENT, TICK_S, path_errors_m, poses_along
 
 MAP = "office_30x25"
 GRID_MM = 20  # Encoded graphs §VI-D
@@ -77,7 +77,7 @@ def mission_of(plan: FloorPlan) -> EncodedMission:
 
 
 @lru_cache(maxsize=1)
-def place() -> tuple[FloorPlan, EncodedMission]:
+def office_with_codes() -> tuple[FloorPlan, EncodedMission]:
     """Return the floor plan and the mission encoded from its codes."""
     plan = load_floorplan(MAP)
     return plan, mission_of(plan)
@@ -86,15 +86,15 @@ def place() -> tuple[FloorPlan, EncodedMission]:
 def measure_case(case: str, _tell: object = None) -> Rows:
     """Run the drive of one seed; return a row for each picture."""
     seed = seed_of(case)
-    plan, mission = place()
+    plan, mission = office_with_codes()
     assert plan.start is not None, "the built-in floor plan has a start pose"
     camera, chance = Camera(plan), np.random.default_rng([seed, 10])
     alone, belief = Odometry(plan.start, NOISE, np.random.default_rng([seed, 1])), initial_belief(PATIENT, plan.start)
     walker, state = Walker(mission, config=PATIENT), State()
     search, nodes = PaperSearch(mission, MissionConfig()), tuple(range(len(mission.nodes)))
     rows = []
-    for tick, (pose, (way, turn)) in enumerate(driven(plan, PATH_M, SPEED_MPS)):
-        belief = belief.driven(alone.pose, alone.step(way, turn), wheels_of(PATIENT))
+    for tick, (pose, (way, turn)) in enumerate(poses_along(plan, PATH_M, SPEED_MPS)):
+        belief = belief.driven(alone.pose, alone.step(way, turn), odometry_errors_of(PATIENT))
         if tick % CAMERA_TICKS:
             continue
         picture = camera.picture(pose, chance, turn_radps=turn / TICK_S)
@@ -103,7 +103,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
         read_s = time.perf_counter() - started
         t_s = tick * TICK_S
         marks = tuple(_as_trusted(mark, belief.pose) for mark in codes_at(camera.eye, belief.pose, codes))
-        seen = Experience(t_s, *belief.pose, alone.travelled_m, marks, spread=belief.doubt)
+        seen = Experience(t_s, *belief.pose, alone.travelled_m, marks, spread=belief.pose_covariance)
         started = time.perf_counter()
         state, outcome = walker.step(state, seen)
         step_s = time.perf_counter() - started
@@ -148,7 +148,7 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="codes on the walls; used on the way",
             paper=f"{PAPER_CODES}; {PAPER_USED}",
-            ours=f"{len(place()[0].codes)}; {quantiles(used, '.0f')}",
+            ours=f"{len(office_with_codes()[0].codes)}; {quantiles(used, '.0f')}",
             agrees=bool(np.all(used == PAPER_USED)),
             why="as many as the paper's, in every seed",
         ),

@@ -131,7 +131,7 @@ class Liar(Robot):
         self._put_out = []
         actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_reading(now_ms, reading)
         if self._put_out != due:
-            self.deviates(now_ms, output_missing=len(self._put_out) < len(due))
+            self.record_deviation(now_ms, output_missing=len(self._put_out) < len(due))
         self._put_out = None
         return actions
 
@@ -144,7 +144,7 @@ class Liar(Robot):
             self._honest.on_recv(now_ms, packet)
             if len(packet) == STATE.size and packet[0] == KIND_STATE:
                 _, rob_id, _, *motion = MOTION.unpack(packet)
-                self.saw(rob_id, Motion(*motion))
+                self.on_state_received(rob_id, Motion(*motion))
         return self.heard(now_ms, packet) if self.lies(now_ms) else super().on_packet(now_ms, packet)
 
     def begin_round(self, now_ms: int) -> list[Action]:
@@ -156,7 +156,7 @@ class Liar(Robot):
 
     # --- hooks for subclasses -----------------------------------------------------------------------------------------
 
-    def saw(self, rob_id: int, motion: Motion) -> None:
+    def on_state_received(self, rob_id: int, motion: Motion) -> None:
         """Record a state that was broadcast in a robot's name; it may be false."""
         self.seen[rob_id] = motion
 
@@ -194,7 +194,7 @@ class Liar(Robot):
         if not actions:
             return actions
         if self._put_out is None:
-            self.deviates(now_ms)
+            self.record_deviation(now_ms)
         else:
             self._put_out.append(output)
         return actions
@@ -203,7 +203,7 @@ class Liar(Robot):
         """Return whether the attack is active at this time."""
         return self.plan.start_ms <= now_ms < self.plan.stop_ms
 
-    def deviates(self, now_ms: int, *, output_missing: bool = False) -> None:
+    def record_deviation(self, now_ms: int, *, output_missing: bool = False) -> None:
         """Record a deviation from an honest robot."""
         if self.first_deviation_ms is None:
             self.first_deviation_ms = now_ms
@@ -248,7 +248,7 @@ class Liar(Robot):
         q: Row = self.f.rx.rows[self.f.rx_info[self.i, place].row]
         return q
 
-    def vouch(self, now_ms: int, place: int) -> list[Action]:
+    def issue_token_unaudited(self, now_ms: int, place: int) -> list[Action]:
         """Send a token to the sender of the request that was just parsed, without an audit."""
         src = int(self.w.case[0].auditee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
@@ -256,7 +256,7 @@ class Liar(Robot):
         self.gained += len(actions) > 1
         return actions
 
-    def believe(self, t_ms: int, packet: bytes) -> None:
+    def accept_packet_at(self, t_ms: int, packet: bytes) -> None:
         """Log a packet and pass it to the controller as if it had arrived at `t_ms`."""
         n = handlers.plain(self.w, RECV, t_ms, row(packet), len(packet))
         self.record(self.w.entry[:n])

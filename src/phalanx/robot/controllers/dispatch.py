@@ -48,7 +48,7 @@ def add_own(functions: dict[str, Callable[..., Any]], addresses: dict[str, int])
     return FIRST_OWN + place
 
 
-def name_own(words: str, declaration: Declaration, number: int) -> None:
+def register_own_name(words: str, declaration: Declaration, number: int) -> None:
     """Register a name for a user's controller."""
     OWN[words] = BUNDLED[words] = declaration
     NUMBERS[words] = number

@@ -133,7 +133,7 @@ def rest_s(params: Params, speed: float) -> float:
 
 
 @kernel
-def held_mps(params: Params, ax: float, ay: float) -> float:
+def late_mps(params: Params, ax: float, ay: float) -> float:
     """Return the velocity that a command adds during the delay of the next one."""
     return float(math.sqrt(ax * ax + ay * ay) * params[LATE_S])
 
@@ -141,11 +141,13 @@ def held_mps(params: Params, ax: float, ay: float) -> float:
 @kernel
 def off_mps(params: Params, now: Motion, ax: float, ay: float) -> float:
     """Return the largest velocity error due to timing: late commands and brakes, and a next reading early or late."""
-    return held_mps(params, ax - now[4], ay - now[5]) + 3.0 * held_mps(params, ax, ay)
+    return late_mps(params, ax - now[4], ay - now[5]) + 3.0 * late_mps(params, ax, ay)
 
 
 @kernel
-def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float, float, float, float, float, float]:
+def planned_path(
+    params: Params, now: Motion, ax: float, ay: float
+) -> tuple[float, float, float, float, float, float, float]:
     """Return the path of a robot that executes the command (ax, ay) and brakes from its next reading on.
 
     Source: docs/guides/guard.md.
@@ -169,7 +171,7 @@ def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float
 
 
 @kernel
-def past(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
+def squared_distance_to_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Return the squared distance of a point from the segment from a to b."""
     long_x, long_y = bx - ax, by - ay
     length = long_x * long_x + long_y * long_y
@@ -187,13 +189,17 @@ def _side(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> flo
 
 
 @kernel
-def between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
+def squared_distance_of_segments(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
+) -> float:
     """Return the squared distance of the segments from a to b and from c to d."""
     crossed = _side(ax, ay, bx, by, cx, cy) * _side(ax, ay, bx, by, dx, dy) < 0.0
     if crossed and _side(cx, cy, dx, dy, ax, ay) * _side(cx, cy, dx, dy, bx, by) < 0.0:
         return 0.0
-    one = min(past(ax, ay, cx, cy, dx, dy), past(bx, by, cx, cy, dx, dy))
-    return min(one, past(cx, cy, ax, ay, bx, by), past(dx, dy, ax, ay, bx, by))
+    one = min(squared_distance_to_segment(ax, ay, cx, cy, dx, dy), squared_distance_to_segment(bx, by, cx, cy, dx, dy))
+    return min(
+        one, squared_distance_to_segment(cx, cy, ax, ay, bx, by), squared_distance_to_segment(dx, dy, ax, ay, bx, by)
+    )
 
 
 @kernel
@@ -213,15 +219,15 @@ def retreats(params: Params, now: Motion, out_x: float, out_y: float, ax: float,
 @kernel
 def clear_of_walls(params: Params, now: Motion, ax: float, ay: float) -> bool:
     """Return whether the path keeps `clear_m` from each wall and disc, or leads away. Source: docs/guides/guard.md."""
-    next_x, next_y, last_x, last_y, spread, bulge, _ = way(params, now, ax, ay)
+    next_x, next_y, last_x, last_y, spread, bulge, _ = planned_path(params, now, ax, ay)
     x, y = now[0], now[1]
     first, then = params[CLEAR] + bulge, params[CLEAR] + spread
     at = OBSTACLES
     for _ in range(whole(params[WALLS])):
         cx, cy, dx, dy = params[at], params[at + 1], params[at + 2], params[at + 3]
         at += 4
-        clear = between(x, y, next_x, next_y, cx, cy, dx, dy) >= first * first
-        if clear and between(next_x, next_y, last_x, last_y, cx, cy, dx, dy) >= then * then:
+        clear = squared_distance_of_segments(x, y, next_x, next_y, cx, cy, dx, dy) >= first * first
+        if clear and squared_distance_of_segments(next_x, next_y, last_x, last_y, cx, cy, dx, dy) >= then * then:
             continue
         long_x, long_y = dx - cx, dy - cy
         length = long_x * long_x + long_y * long_y
@@ -233,8 +239,8 @@ def clear_of_walls(params: Params, now: Motion, ax: float, ay: float) -> bool:
         cx, cy, radius = params[at], params[at + 1], params[at + 2]
         at += 3
         near, far = radius + first, radius + then
-        clear = past(cx, cy, x, y, next_x, next_y) >= near * near
-        if clear and past(cx, cy, next_x, next_y, last_x, last_y) >= far * far:
+        clear = squared_distance_to_segment(cx, cy, x, y, next_x, next_y) >= near * near
+        if clear and squared_distance_to_segment(cx, cy, next_x, next_y, last_x, last_y) >= far * far:
             continue
         if not retreats(params, now, x - cx, y - cy, ax, ay):
             return False

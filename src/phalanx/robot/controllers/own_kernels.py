@@ -102,7 +102,7 @@ def is_loaded(words: str, path: Path) -> bool:
     """Return whether the current content of a file was loaded; if so, register `words` as its name."""
     found = _files.get(_content_of(path)) if path.is_file() else None
     if found:
-        dispatch.name_own(words, *found)
+        dispatch.register_own_name(words, *found)
     return found is not None
 
 
@@ -129,7 +129,7 @@ def load_kernels(words: str, module: ModuleType) -> None:
     if key not in _loaded:
         plain = {name: _plain(own, file) for name, own in kernels.items()}
         _loaded[key] = dispatch.add_own(plain, {} if PURE else _addresses(words, text, slots, plain))
-    dispatch.name_own(words, declaration, _loaded[key])
+    dispatch.register_own_name(words, declaration, _loaded[key])
     _files[_content_of(Path(file))] = declaration, _loaded[key]
 
 

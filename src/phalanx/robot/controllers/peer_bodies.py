@@ -25,7 +25,7 @@ from .protocol import Point
 from .python_controller import Act, Output, Send
 from .sine import sine_cosine
 
-ID, BEHIND_T = 1, 3  # indices of fields in states, readings and commands: kind, id, t, then the rest
+ID, FIRST_VALUE = 1, 3  # indices of fields in states, readings and commands: kind, id, t, then the rest
 MOST_MPS2 = 5.0  # largest acceleration along each axis
 # Gains: speed per metre of remaining distance, and acceleration per m/s of speed error.
 PACE_PER_S, HASTE_PER_S = 1.5, 3.0
@@ -45,7 +45,7 @@ def fields_of(record: Record, raw: bytes) -> tuple[Any, ...] | None:
     if len(raw) != record.size or raw[0] != record.tag:
         return None
     found = record.form.unpack(raw)
-    rest = found[BEHIND_T:]
+    rest = found[FIRST_VALUE:]
     # Fast path: if the sum of sizes is within the limit, each number is. A NaN fails both checks.
     return found if sum(map(abs, rest)) <= LARGEST_NUMBER or all(map(is_fine, rest)) else None
 
@@ -79,14 +79,14 @@ class PeerBody:
     def where(self, reading: bytes) -> Point | None:
         """Return the robot's position, m; None for an invalid reading."""
         own = self.own(reading)
-        return (own[BEHIND_T] / self.per_m, own[BEHIND_T + 1] / self.per_m) if own else None
+        return (own[FIRST_VALUE] / self.per_m, own[FIRST_VALUE + 1] / self.per_m) if own else None
 
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
         """Return a command towards `aim_m`, or to coast without one; if it `speaks`, also the robot's state."""
         own = self.own(reading)
         if own is None or aim_m is None:
             return [Act(ACCELERATION.form.pack(KIND_ACCELERATION, self.rob_id, t_ms, 0.0, 0.0))]
-        x_m, y_m, *paces = own[BEHIND_T:]
+        x_m, y_m, *paces = own[FIRST_VALUE:]
         push = [
             HASTE_PER_S * (max(-self.pace_mps, min(self.pace_mps, PACE_PER_S * (to - at))) - pace)
             for to, at, pace in zip(aim_m, (x_m, y_m), paces, strict=True)
@@ -94,13 +94,13 @@ class PeerBody:
         push = [max(-MOST_MPS2, min(MOST_MPS2, each)) for each in push]
         outputs: list[Output] = [Act(ACCELERATION.form.pack(KIND_ACCELERATION, self.rob_id, t_ms, *push))]
         if speaks:
-            outputs.append(Send(STATE.form.pack(KIND_STATE, self.rob_id, t_ms, *own[BEHIND_T:])))
+            outputs.append(Send(STATE.form.pack(KIND_STATE, self.rob_id, t_ms, *own[FIRST_VALUE:])))
         return outputs
 
     def position_in(self, packet: bytes) -> tuple[int, float, float] | None:
         """Return id and position, m, of the sender of a state; None for other packets."""
         fields = fields_of(STATE, packet)
-        return (fields[ID], fields[BEHIND_T], fields[BEHIND_T + 1]) if fields else None
+        return (fields[ID], fields[FIRST_VALUE], fields[FIRST_VALUE + 1]) if fields else None
 
     def is_taken(self, t_ms: int) -> bool:  # noqa: ARG002 - a point mass takes no orders
         """Return whether the robot is held or driven by orders, so that the protocol does not control it."""
@@ -160,7 +160,7 @@ class DrivenWheels(PeerBody):
         if not fields:
             return None
         # Rounded to f32 as in a checkpoint, so that a replay from there gives the same outputs.
-        x_m, y_m = (float(np.float32(fields[at] / self.per_m)) for at in (BEHIND_T, BEHIND_T + 1))
+        x_m, y_m = (float(np.float32(fields[at] / self.per_m)) for at in (FIRST_VALUE, FIRST_VALUE + 1))
         return fields[ID], x_m, y_m
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
@@ -191,12 +191,12 @@ class DrivenWheels(PeerBody):
             return outputs
         act = bytearray(outputs[0].payload)
         left, right = (get_i8(row(bytes(act)), wheels.BODY + at) for at in (0, wheels.COMMAND_RIGHT))
-        left, right = restrain(left, right, *sine_cosine(own[BEHIND_T + 2]), near)
+        left, right = restrain(left, right, *sine_cosine(own[FIRST_VALUE + 2]), near)
         act[wheels.BODY], act[wheels.BODY + wheels.COMMAND_RIGHT] = left & 255, right & 255
         return [Act(bytes(act)), *outputs[1:]]
 
     def _towards(self, own: tuple[Any, ...], goal_mm: Point, near: list[Point]) -> tuple[int, int]:
-        x_mm, y_mm, direction_deg = own[BEHIND_T:]
+        x_mm, y_mm, direction_deg = own[FIRST_VALUE:]
         dx, dy = goal_mm[0] - x_mm, goal_mm[1] - y_mm
         away_mm = math.sqrt(dx * dx + dy * dy)
         if away_mm < STANDS_MM:

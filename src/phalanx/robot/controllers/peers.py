@@ -14,7 +14,7 @@ from typing import ClassVar
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, NOWHERE, PEER, PEER_MEMORY
 from phalanx.wire.record import MalformedRecord
 
-from .peer_bodies import BEHIND_T, ID, DrivenWheels, PeerBody, fields_of, is_fine
+from .peer_bodies import FIRST_VALUE, ID, DrivenWheels, PeerBody, fields_of, is_fine
 from .protocol import Point, Task
 from .python_controller import Controller, Output, Send
 
@@ -69,7 +69,7 @@ class PeerController(Controller, ABC):
         """Update `here`, `holds` and `wants`; called before each broadcast."""
 
     @abstractmethod
-    def aim(self) -> Point:
+    def target_point(self) -> Point:
         """Return the point to drive to, m."""
 
     def told(self, rob_id: int, t_ms: int, before_ms: int) -> None:
@@ -85,7 +85,7 @@ class PeerController(Controller, ABC):
         """Store a message of another robot of the mission; pass anything else to the body."""
         if (claim := fields_of(CLAIM, packet)) and (other := self.others.get(claim[ID])):
             before_ms, other.heard_ms = other.heard_ms, t_ms
-            other.here, other.holds, other.wants = claim[BEHIND_T:]
+            other.here, other.holds, other.wants = claim[FIRST_VALUE:]
             self.told(claim[ID], t_ms, before_ms)
         elif position := self.body.position_in(packet):
             if other := self.others.get(position[0]):
@@ -103,7 +103,7 @@ class PeerController(Controller, ABC):
         speaks = (step + self.rob_id) % self.task.state_every == 0
         if speaks:
             self.turn(t_ms, place_m)
-        outputs = self.body.drive(step, t_ms, reading, self.aim(), speaks=speaks)
+        outputs = self.body.drive(step, t_ms, reading, self.target_point(), speaks=speaks)
         if speaks:
             places = self.here, self.holds, self.wants
             outputs.append(Send(CLAIM.form.pack(KIND_CLAIM, self.rob_id, t_ms, *places)))

@@ -100,7 +100,7 @@ class PlaceController(PeerController):
         is_new = in_time and here != confirmed and here in PLACES
         self.waiting[rob_id] = (t_ms, here, confirmed) if is_new else (0, NOWHERE, confirmed)
 
-    def aim(self) -> Point:
+    def target_point(self) -> Point:
         """Return the position of the claimed place, or of the current one."""
         place = self.holds if self.holds in PLACES else self.here
         return place_m(self.task, place) if place in PLACES else self.task.starts_m[self.rob_id - 1]

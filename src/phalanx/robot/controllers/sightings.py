@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 from phalanx.wire.protocols import KIND_SIGHTING, NOWHERE, SEEN, SIGHTED, SIGHTING
 from phalanx.wire.record import MalformedRecord
 
-from .peer_bodies import BEHIND_T, ID, fields_of, is_fine
+from .peer_bodies import FIRST_VALUE, ID, fields_of, is_fine
 from .peers import PeerController
 from .protocol import Point, Stage, Task, squared_m
 from .python_controller import Output, Send
@@ -77,7 +77,7 @@ class SightController(PeerController):
                 self.holds = number
                 return
 
-    def aim(self) -> Point:
+    def target_point(self) -> Point:
         """Return the position of its object, or its post."""
         return self.things().get(self.holds, self.task.waits_m[self.rob_id - 1])
 
@@ -85,7 +85,7 @@ class SightController(PeerController):
         """Store the report of another robot of the mission, and handle the packet as other protocols do."""
         fields = fields_of(SIGHTING, packet)
         if fields and fields[ID] in self.others:
-            self.sighted[fields[ID]] = Sighted(t_ms, *fields[BEHIND_T:])
+            self.sighted[fields[ID]] = Sighted(t_ms, *fields[FIRST_VALUE:])
         super().on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
@@ -93,7 +93,7 @@ class SightController(PeerController):
         self._now_ms = t_ms
         packet = self._report(t_ms, reading)
         if packet and (fields := fields_of(SIGHTING, packet)):
-            self.sighted[self.rob_id] = Sighted(t_ms, *fields[BEHIND_T:])
+            self.sighted[self.rob_id] = Sighted(t_ms, *fields[FIRST_VALUE:])
         outputs = super().on_input(step, t_ms, reading)
         return [*outputs, Send(packet)] if packet and len(outputs) > 1 else outputs
 

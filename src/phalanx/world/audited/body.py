@@ -17,7 +17,7 @@ from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.wire import table
 from phalanx.wire.fields import Row, get_f32, get_i8, put_f32, put_u16, put_u64
 from phalanx.world.drive import AXLE_M, BODY_M, TOP_SPEED_MPS, turned_kernel
-from phalanx.world.radio.reach import Reach, walled
+from phalanx.world.radio.reach import Reach, in_different_aisles
 
 from .world import World
 
@@ -190,9 +190,9 @@ def robot_contacts(pos: F64x2, last: F64x2, reach: Reach, contact_m: float) -> i
         if reach.least_m[i] > far + reach.skin_m:  # since the rebuild two robots have approached by at most the skin
             continue
         for at in range(reach.near[i], reach.near[i + 1]):
-            k = int(reach.maybe[at])
+            k = int(reach.candidate_ids[at])
             x, y = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
-            if k < i or x * x + y * y > beyond or walled(reach, i, k):
+            if k < i or x * x + y * y > beyond or in_different_aisles(reach, i, k):
                 continue
             was_x, was_y = last[k, 0] - last[i, 0], last[k, 1] - last[i, 1]
             if was_x * was_x + was_y * was_y < limit:  # in contact already

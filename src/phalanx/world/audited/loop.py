@@ -214,7 +214,7 @@ def carry_out(world: World, i: int, now: int) -> None:
         elif action.kind == actions.RETRY_AT:
             retry_at(world, i, now, action.number)
         else:
-            judged(world, i, action.number, action.more)
+            store_verdict(world, i, action.number, action.more)
 
 
 @kernel
@@ -253,7 +253,7 @@ def transmit(world: World, i: int, packet: Row, length: int, to: int) -> int:
 
 
 @kernel
-def judged(world: World, auditor: int, auditee_id: int, refusal: int) -> None:
+def store_verdict(world: World, auditor: int, auditee_id: int, refusal: int) -> None:
     """Store a verdict in the ring that `VerdictReader` reads."""
     clock = world.clock[0]
     row = world.verdicts[clock.verdicts % VERDICTS]
@@ -290,7 +290,7 @@ def move(world: World) -> None:
     clock = world.clock[0]
     for i in range(len(world.fleet.robot)):
         body.advance(world, i)
-    if rebuild(world.reach, world.pos) > len(world.reach.maybe):
+    if rebuild(world.reach, world.pos) > len(world.reach.candidate_ids):
         clock.crowded = 1
     clock.contacts += body.robot_contacts(world.pos, world.last, world.reach, clock.contact_m)
     clock.contacts += body.obstacle_contacts(world.pos, world.last, world.discs, world.boxes, clock.contact_m)

@@ -35,7 +35,7 @@ METHODS = {
 }
 
 
-class Looks(Protocol):
+class ExtraSensors(Protocol):
     """Sensors beyond the robot's own motion: those of a protocol's stage, or a lidar and bumpers."""
 
     def look(self, rob_id: int, t_s: float, place_m: tuple[float, float], *, lies: bool) -> bytes:
@@ -106,7 +106,7 @@ def handle(
     world: World,
     robots: Mapping[int, Robot],
     planners: Mapping[int, Planner] = NO_PLANNERS,
-    stage: Looks | None = None,
+    stage: ExtraSensors | None = None,
     trace: Trace | None = None,
 ) -> None:
     """Pass the loop's current event to its robot, found by index in `robots`, and carry out the robot's actions.
@@ -139,7 +139,7 @@ def _payload(world: World, kind: int, seen: bytes, arg: int) -> bytes | str:
     return "after listening" if kind == loop.ROUND and arg else ""
 
 
-def _look(world: World, robot: Robot, stage: Looks, now_us: int, now_ms: int) -> bytes:
+def _look(world: World, robot: Robot, stage: ExtraSensors, now_us: int, now_ms: int) -> bytes:
     x_m, y_m = world.pos[robot.i].tolist()
     lies = isinstance(robot, Liar) and robot.lies(now_ms)
     return stage.look(robot.id, now_us / 1e6, (x_m, y_m), lies=lies)

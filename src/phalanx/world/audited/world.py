@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple
 from numpy.typing import NDArray
 
 from phalanx.arrays import F64x1, F64x2, I32x1, I64x1, I64x2, Records, U8x1, U8x2, layout
-from phalanx.bti.fleet import Fleet, records, vouchers
+from phalanx.bti.fleet import Fleet, held_tokens, records
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import Work
 from phalanx.bundle import bundled
@@ -144,7 +144,7 @@ def shields(world: World, i: int) -> list[tuple[int, float]]:
     """
     if world.safe[i]:
         return []
-    return sorted(vouchers(world.fleet, i, clock_ms(world, i)), key=lambda each: -each[1])
+    return sorted(held_tokens(world.fleet, i, clock_ms(world, i)), key=lambda each: -each[1])
 
 
 class VerdictReader:

@@ -17,7 +17,7 @@ from phalanx.config.builtin import DATA, built_in
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floorplan_of_yaml, read_yaml, sources_of
-from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
+from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, parse_map_header
 
 MAPS = DATA / "maps"
 DEFAULT = "office_40x40"
@@ -55,7 +55,7 @@ def load_floorplan(name_or_path: str | Path = DEFAULT, *, swept: bool = False) -
 def _drawn_in(path: Path, data: bytes, read: Mapping[Any, Any], swept: bool) -> FloorPlan:
     if "image" not in read:
         return floorplan_of_yaml(data, path.stem)
-    image = path.parent / map_words(data, path.name).image
+    image = path.parent / parse_map_header(data, path.name).image
     packed = image.with_name(image.name + ".gz")
     picture = (
         _unpack(packed) if packed.exists() and not image.exists() else read_at_most(image, _PICTURE_MAX_BYTES, HINT)

@@ -100,7 +100,7 @@ class Odometry:
     def step(self, way_m: float, turn_rad: float) -> Pose:
         """Add a true motion along an arc; return the estimated pose."""
         self.draw()
-        self.pose, self.travelled_m = counted(
+        self.pose, self.travelled_m = odometry_after(
             self.pose, self.travelled_m, (float(way_m), float(turn_rad)), self.factors
         )
         return self.pose
@@ -111,7 +111,7 @@ class Odometry:
 
 
 @kernel
-def counted(
+def odometry_after(
     pose: Pose, travelled_m: float, motion: tuple[float, float], factors: tuple[float, float]
 ) -> tuple[Pose, float]:
     """Return the pose and the distance travelled by odometry after a true motion (distance, turn)."""
@@ -180,7 +180,7 @@ class DiffDrive:
     def step(self, left_mps: float, right_mps: float, dt_s: float) -> tuple[float, float]:
         """Drive for `dt_s`; a wall stops the robot but not its turn. Return the wheels' motion (distance, turn)."""
         speeds = float(left_mps), float(right_mps)
-        self.pose, motion = stepped(self.pose, speeds, float(dt_s), self.body, self._plan.walls)
+        self.pose, motion = driven_step(self.pose, speeds, float(dt_s), self.body, self._plan.walls)
         return motion
 
 
@@ -194,7 +194,7 @@ def wheels_of(speed_mps: float, turn_radps: float, body: Body) -> tuple[float, f
 
 
 @kernel
-def stepped(
+def driven_step(
     pose: Pose, speeds_mps: tuple[float, float], dt_s: float, body: Body, walls: F64x2
 ) -> tuple[Pose, tuple[float, float]]:
     """Return the pose and the wheels' motion as `DiffDrive.step` does."""

@@ -22,7 +22,16 @@ from phalanx.robot.controllers.mission.evidence import Eye, code_entry, reading_
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.wire.table import ACTION, DRIVE, KIND_ACTION, KIND_DRIVE
 from phalanx.world.building.camera import Camera
-from phalanx.world.building.odometry import Body, DiffDrive, Odometry, OdometryNoise, Pose, counted, stepped, wheels_of
+from phalanx.world.building.odometry import (
+    Body,
+    DiffDrive,
+    Odometry,
+    OdometryNoise,
+    Pose,
+    driven_step,
+    odometry_after,
+    wheels_of,
+)
 from phalanx.world.building.walkers import Walkers
 
 STEP_S = 0.05  # time step for collisions with walls
@@ -82,8 +91,8 @@ def _drive(
         dt_s = min(STEP_S, moment.end_s - now_s)
         if moves:
             speeds = wheels_of(moment.speed_mps, moment.turn_radps, body)
-            at, motion = stepped(at, speeds, dt_s, body, walls)
-            counts = counted(counts[0], counts[1], motion, factors)
+            at, motion = driven_step(at, speeds, dt_s, body, walls)
+            counts = odometry_after(counts[0], counts[1], motion, factors)
         now_s = moment.end_s if dt_s < STEP_S else now_s + dt_s
         if moment.once:
             break
@@ -181,7 +190,7 @@ class MissionBody:
             return ()
         return camera.look(self.wheels.pose, self._random, people, self._turn_radps)
 
-    def obey(self, command: bytes) -> None:
+    def execute_command(self, command: bytes) -> None:
         """Execute a command; ignore bytes that are not a valid one."""
         if len(command) == DRIVE.size and command[0] == KIND_DRIVE:
             *_, speed, turn = DRIVE.form.unpack(command)

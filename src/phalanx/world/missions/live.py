@@ -64,7 +64,7 @@ class CompromiseRequest:
     attack: str
 
 
-class Crew:
+class TickedMission:
     """Robots of a run, advanced tick by tick."""
 
     def __init__(self, run: MissionRun) -> None:
@@ -136,7 +136,7 @@ def live(pipe: Connection, held: c_byte) -> None:
     """
     os.nice(NICE)
     number: int = 0
-    crew: Crew | None = None
+    crew: TickedMission | None = None
     try:
         due_s = time.monotonic()
         while True:
@@ -145,7 +145,7 @@ def live(pipe: Connection, held: c_byte) -> None:
             while pipe.poll(max(0.0, due_s - time.monotonic())):
                 number, request = pipe.recv()
                 if isinstance(request, MissionRun):
-                    crew = Crew(request)
+                    crew = TickedMission(request)
                 elif crew is not None:
                     crew.compromise(request)
     except (EOFError, OSError):

@@ -99,7 +99,7 @@ class TimedController(MissionController):
         return walk, outcome
 
 
-class Logbook:
+class ReportRecorder:
     """Recorder of a robot's report; the run's seed and the robot's number determine its random draws."""
 
     def __init__(self, number: int, body: MissionBody, controller: TimedController, *, keep_trace: bool) -> None:
@@ -128,7 +128,9 @@ class Logbook:
         if outcome is None:
             return
         report.hashes_tried += outcome.trials
-        if outcome.fix is not None and (wrong := pose_error(true, estimate, self.controller.memory.belief.doubt)):
+        if outcome.fix is not None and (
+            wrong := pose_error(true, estimate, self.controller.memory.belief.pose_covariance)
+        ):
             report.false_fixes += 1
             report.denied.append((t_s, "fix", wrong))
         why = self._why_not(outcome, phase)

@@ -33,7 +33,7 @@ from phalanx.world.building.walkers import Walkers
 from phalanx.world.radio.channel import BROADCAST
 
 from .body import Building, MissionBody
-from .report import Logbook, Report, TimedController
+from .report import Report, ReportRecorder, TimedController
 from .setup import MissionRun, doing
 
 Proofs = tuple[tuple[int, bytes], ...]  # node, and proof that a robot decoded it
@@ -56,7 +56,7 @@ def walkers_of(run: MissionRun) -> list[Walker]:
     return [Walker(part.mission, part.key, run.config.seen_by(run.lidar)) for part in run.parts]
 
 
-class MissionRobot(Logbook):
+class MissionRobot(ReportRecorder):
     """One robot of a run, with its body, controller and report.
 
     Attributes:
@@ -240,7 +240,7 @@ class MissionWorld:
         was_over = robot.controller.over
         for action in inner.on_reading(now_ms, reading):
             if isinstance(action, Actuate):
-                robot.body.obey(action.command)
+                robot.body.execute_command(action.command)
             else:
                 pybot.perform(self.world, i, now_ms, [action])
         if not was_over:

@@ -19,7 +19,7 @@ from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
-from phalanx.pool import Pool, give_back, lend, make_pool
+from phalanx.pool import Pool, borrow, give_back, make_pool
 from phalanx.wire.airtime import Rates, ack_us, broadcast_us, rates_of, unicast_us
 from phalanx.wire.fields import Row, copy, whole
 from phalanx.world.audited.events import Queue, push
@@ -133,7 +133,7 @@ def enqueue(air: Air, queue: Queue, robot: int, packet: Row, length: int, dst: i
         return -1
     slot = (int(nic.head) + int(nic.waiting)) % SLOTS
     if is_long:
-        nic.long_used, nic.long_row = 1, lend(air.long)
+        nic.long_used, nic.long_row = 1, borrow(air.long)
     target = air.long.rows[nic.long_row] if is_long else air.short[slot, robot]
     copy(target, 0, packet, 0, length)
     taken = air.slot[slot, robot]

@@ -35,8 +35,8 @@ class Reach(NamedTuple):
     range_m: float  # radio range, metres, inclusive
     skin_m: float  # extra distance of candidates; 0 sorts the robots again after every movement
     at: F64x2  # (N, 2), current positions, metres
-    looks: I64x1  # (1,), number of calls of `rebuild`
-    listed: I64x1  # (N,), value of `looks` when a robot's list was last filtered
+    rebuild_count: I64x1  # (1,), number of calls of `rebuild`
+    listed: I64x1  # (N,), value of `rebuild_count` when a robot's list was last filtered
     end: I64x1  # (N,), end of each robot's list
     ids: I32x1  # (room,)
     square: F32x1  # (room,), squared distance of each neighbour, m²
@@ -44,8 +44,8 @@ class Reach(NamedTuple):
     first: I32x1  # (power of two ≥ N,), first robot of each bucket of cells
     after: I32x1  # (N,), next robot of the same bucket
     sorted_at: F64x2  # (N, 2), positions when candidates were collected, NaN before
-    near: I64x1  # (N + 1,), candidates of robot i are maybe[near[i]:near[i + 1]]
-    maybe: I32x1  # (room,)
+    near: I64x1  # (N + 1,), candidates of robot i are candidate_ids[near[i]:near[i + 1]]
+    candidate_ids: I32x1  # (room,)
     least_m: F64x1  # (N,), distance of the nearest candidate then; infinite without candidates
     aisle: I32x1  # (N,), 0 is the hub; robots in different aisles are never in range of each other
 
@@ -72,7 +72,7 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
         range_m=float(range_m),
         skin_m=float(skin * range_m),
         at=np.zeros((robots, 2)),
-        looks=np.zeros(1, np.int64),
+        rebuild_count=np.zeros(1, np.int64),
         listed=np.zeros(robots, np.int64),
         end=np.zeros(robots, np.int64),
         ids=np.zeros(room, np.int32),
@@ -82,7 +82,7 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
         after=np.zeros(robots, np.int32),
         sorted_at=np.full((robots, 2), np.nan),
         near=np.zeros(robots + 1, np.int64),
-        maybe=np.zeros(room, np.int32),
+        candidate_ids=np.zeros(room, np.int32),
         least_m=np.zeros(robots),
         aisle=np.zeros(robots, np.int32),
     )
@@ -98,37 +98,37 @@ def set_aisles(reach: Reach, hub: int, robots: int) -> None:
 def rebuild(reach: Reach, pos: F64x2) -> int:
     """Set the positions that the lists are for. Returns: the number of candidates of all robots together.
 
-    If that number exceeds `len(reach.maybe)` the lists are truncated (the last robots lack neighbours): make
+    If that number exceeds `len(reach.candidate_ids)` the lists are truncated (the last robots lack neighbours): make
     a larger Reach, and rebuild. `pos`: (N, 2), metres, finite.
     """
     found = reach.near[len(pos)]
     if _has_moved(reach, pos):
         found = _sort(reach, pos, reach.range_m + reach.skin_m)
-        if found > len(reach.maybe):  # too crowded: there may be room without the skin
+        if found > len(reach.candidate_ids):  # too crowded: there may be room without the skin
             found = _sort(reach, pos, reach.range_m)
             reach.sorted_at[:] = np.nan
     for i in range(len(pos)):
         reach.at[i, 0], reach.at[i, 1] = pos[i, 0], pos[i, 1]
-    reach.looks[0] += 1
+    reach.rebuild_count[0] += 1
     return found  # type: ignore[no-any-return]
 
 
 @kernel
 def in_range(reach: Reach, i: int) -> int:
     """Return the end of robot i's neighbour list, which begins at `near[i]` of `ids` and `square`."""
-    if reach.listed[i] == reach.looks[0]:
+    if reach.listed[i] == reach.rebuild_count[0]:
         return reach.end[i]  # type: ignore[no-any-return]
     pos, end = reach.at, reach.near[i]
     limit = reach.range_m * reach.range_m
     for at in range(reach.near[i], reach.near[i + 1]):
-        k = int(reach.maybe[at])
+        k = int(reach.candidate_ids[at])
         dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
         square = dx * dx + dy * dy
-        if square <= limit and not walled(reach, i, k):
+        if square <= limit and not in_different_aisles(reach, i, k):
             reach.ids[end] = k
             reach.square[end] = square
             end += 1
-    reach.listed[i] = reach.looks[0]
+    reach.listed[i] = reach.rebuild_count[0]
     reach.end[i] = end
     return end  # type: ignore[no-any-return]
 
@@ -189,7 +189,7 @@ def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
     total = 0
     limit = width_m * width
     for i in range(count):
-        reach.near[i] = min(total, len(reach.maybe))
+        reach.near[i] = min(total, len(reach.candidate_ids))
         least = math.inf
         for nth in range(9):
             x, y = reach.cell[i, 0] + nth // 3 - 1, reach.cell[i, 1] + nth % 3 - 1
@@ -201,25 +201,25 @@ def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
                 square = dx * dx + dy * dy
                 if here and k != i and square <= limit:
                     least = min(least, square)
-                    if total < len(reach.maybe):
+                    if total < len(reach.candidate_ids):
                         _put_in_order(reach, reach.near[i], total, k)
                     total += 1
                 k = int(reach.after[k])
         reach.least_m[i] = math.sqrt(least)
-    reach.near[count] = min(total, len(reach.maybe))
+    reach.near[count] = min(total, len(reach.candidate_ids))
     return total
 
 
 @kernel
 def _put_in_order(reach: Reach, begin: int, end: int, k: int) -> None:
-    while end > begin and reach.maybe[end - 1] > k:
-        reach.maybe[end] = reach.maybe[end - 1]
+    while end > begin and reach.candidate_ids[end - 1] > k:
+        reach.candidate_ids[end] = reach.candidate_ids[end - 1]
         end -= 1
-    reach.maybe[end] = k
+    reach.candidate_ids[end] = k
 
 
 @kernel
-def walled(reach: Reach, i: int, k: int) -> bool:
+def in_different_aisles(reach: Reach, i: int, k: int) -> bool:
     """Return whether two robots are in different aisles."""
     return bool(reach.aisle[i] != reach.aisle[k] and reach.aisle[i] != 0 and reach.aisle[k] != 0)
 

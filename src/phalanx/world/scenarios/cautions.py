@@ -23,7 +23,7 @@ MOST_BUCKETS = 0.25
 US_PER_S = 1e6
 
 
-def cautions(scenario: Scenario) -> list[str]:
+def audit_warnings(scenario: Scenario) -> list[str]:
     """Return a line for each reason why audits may fail: channel, T_val, robots in range, or compromised robots."""
     if scenario.defence == "none":
         return []

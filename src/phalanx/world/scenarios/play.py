@@ -48,7 +48,7 @@ def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
         yield check
 
 
-def play(
+def run_scenario(
     scenario: Scenario,
     record: Path | None = None,
     on_step: Callable[[Run], None] = lambda _run: None,

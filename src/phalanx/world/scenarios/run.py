@@ -21,12 +21,12 @@ from phalanx.robot.planner import MakePlanner, Planner
 from phalanx.robot.robot import Robot
 from phalanx.scenarios.behaviour import (
     MakeController,
-    adviser,
-    driving,
+    declaration_of,
     number_of,
-    on_stage,
     params_of,
     plan_of,
+    planner_factory,
+    with_protocol,
     with_room,
 )
 from phalanx.scenarios.scenario import Scenario, in_scenarios
@@ -66,16 +66,16 @@ class Run:
     ) -> None:
         if not self.has_station:  # simulated planners do not sign advice
             scenario = replace(scenario, guard=replace(scenario.guard, adviser_key=""))
-        scenario, controller, self.stage = on_stage(scenario, controller)
+        scenario, controller, self.stage = with_protocol(scenario, controller)
         self.scenario = scenario = with_room(scenario, controller)
         n = scenario.robots
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
-        bundled = driving(scenario)
+        bundled = declaration_of(scenario)
         if scenario.controller not in in_scenarios() and not self.has_station:
             raise UsageError(f"{scenario.controller} waits for orders, which scenarios lack", "use another controller")
-        make_planner = adviser(scenario, controller, planner)
+        make_planner = planner_factory(scenario, controller, planner)
         setup = Setup(
             robots=n,
             starts_m=np.array(scenario.starts_m, np.float64),
@@ -98,7 +98,7 @@ class Run:
             self.world = make_world(setup, chance)
         except MemoryError as error:
             raise Unavailable(f"{n} robots do not fit into memory", "use fewer robots, or a smaller n_max") from error
-        self.looks: pybot.Looks | None = self.stage
+        self.looks: pybot.ExtraSensors | None = self.stage
         self.sense(getattr(controller, "senses", None))
         self._verdicts = VerdictReader(self.world)
         self._wall_s = 0.0
@@ -162,7 +162,7 @@ class Run:
         assert refused(self.world.queue) == 0, "the event queue overflowed"
         if self.world.clock[0].crowded:
             raise UsageError(
-                f"too crowded: more than {len(self.world.reach.maybe) // len(self.ids)} in range of each",
+                f"too crowded: more than {len(self.world.reach.candidate_ids) // len(self.ids)} in range of each",
                 "use a wider spacing, fewer robots, or a greater n_max",
             )
         self._wall_s += time.perf_counter() - began

@@ -26,7 +26,7 @@ from .recording import Recording
 log = logging.getLogger(__name__)
 HINT = "create one with phalanx sim run SCENARIO --record FILE.mcap"
 GRAIN_S = 0.1  # least time between lines; recordings of missions have many steps per second
-MOST_TOLD = 2_500_000  # positions, tokens, audits: a browser's limit; 25 robots for an hour
+MOST_VALUES = 2_500_000  # positions, tokens, audits: a browser's limit; 25 robots for an hour
 FARTHEST_M = 1e6
 LONGEST = 120  # length of a text
 MOST_DRAWN = 100_000  # objects per message: two bytes may encode a disc, and a disc gives CORNERS walls
@@ -50,7 +50,7 @@ def lines_of(path: Path) -> list[Line]:
             if entry.topic == CUT_SHORT:
                 log.warning("%s is truncated: only the first part is shown", path)
             scenes.take(entry)
-            if scenes.told > MOST_TOLD:
+            if scenes.told > MOST_VALUES:
                 log.warning("%s exceeds a page's limit: the end is not shown", path)
                 break
         scenes.close()
@@ -85,7 +85,7 @@ class Scenes:
     """Converter of recorded messages into lines, passed to `put`. Invalid messages raise various exceptions."""
 
     def __init__(self, put: Callable[[Line], None]) -> None:
-        self.told = 0  # size of the lines so far, for MOST_TOLD
+        self.told = 0  # size of the lines so far, for MOST_VALUES
         self.t_s: float | None = None  # time of the current line
         self._put = put
         self._about = False  # the metadata were sent

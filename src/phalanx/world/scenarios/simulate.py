@@ -27,8 +27,8 @@ from phalanx.scenarios.own import find_attacks, find_controller, find_planner
 from phalanx.scenarios.scenario import Scenario
 from phalanx.world.audited.world import VerdictReader
 
-from .cautions import cautions
-from .play import STEP_S, play
+from .cautions import audit_warnings
+from .play import STEP_S, run_scenario
 from .result import VERDICT, Result
 from .run import Run
 
@@ -103,7 +103,7 @@ def simulate(
         raise UsageError(f"one file {record} for {len(numbers)} runs", "use a name with {seed} in it")
     if isinstance(controller, str):
         chosen, controller = find_controller(controller, chosen)
-    for caution in cautions(chosen):
+    for caution in audit_warnings(chosen):
         warnings.warn(caution, stacklevel=2)
     advises = find_planner(planner)
     job = _Job(chosen, controller, advises, numbers, float(every_s), None if record is None else str(record))
@@ -164,7 +164,7 @@ def _one(job: _Job, seed: int, on_share: Callable[[float], None]) -> dict[str, A
         on_share(run.now_s / scenario.duration_s)
 
     record = Path(job.record.replace("{seed}", str(seed))) if job.record else None
-    run = play(scenario, record, on_step, job.controller, job.every_s / apart, planner=job.planner)
+    run = run_scenario(scenario, record, on_step, job.controller, job.every_s / apart, planner=job.planner)
     liars = np.isin(run.ids, list(run.compromised))
     arrays = {name: np.stack(values) for name, values in seen.items()}
     return arrays | {"compromised": liars, "verdicts": np.array(verdicts, VERDICT), "summary": run.summary()}

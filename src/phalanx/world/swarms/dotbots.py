@@ -78,7 +78,7 @@ class Dotbots(Roster):
             strict=True,
         )
         return [
-            self._members[i].seen(Point(x, y), direction, millivolts / 1000, now)
+            self._members[i].snapshot(Point(x, y), direction, millivolts / 1000, now)
             for i, (x, y, direction, millivolts) in enumerate(places)
         ]
 

@@ -105,7 +105,7 @@ class MissionSwarm(Roster):
         self._receive()
         return [
             # The robot's front points along (-sin, cos) of the direction, y down.
-            each.seen(
+            each.snapshot(
                 self.to_area(truth.x_m, truth.y_m),
                 round(-math.degrees(truth.heading_rad) - 90),
                 BATTERY_V,
@@ -257,7 +257,7 @@ class MissionSwarm(Roster):
         self._truths = list(moment.robots)
         for i, truth in enumerate(moment.robots):
             at = self.to_area(truth.x_m, truth.y_m)
-            self._members[i].went(round(at.x_mm), round(at.y_mm), HISTORY_STEP_MM)
+            self._members[i].append_position(round(at.x_mm), round(at.y_mm), HISTORY_STEP_MM)
         for news in moment.news:
             self._news.append((self._members[news.robot].address, news))
             if isinstance(news, Decoded):

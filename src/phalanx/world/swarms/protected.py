@@ -52,7 +52,7 @@ EDGE_MM = 200.0
 APART_MM = 200.0
 TRIES = 64
 # Attack offered first to operators, because its effect is obvious.
-PLAIN_TO_SEE = "hijack"
+FIRST_CHOICE = "hijack"
 FULL_TURN_DEG = 360.0
 # Separates the random stream of the station's keys from others of the same seed.
 STATION = 0x0DE5
@@ -109,7 +109,7 @@ class StationAir:
         """See `phalanx.robot.station.Air`."""
         return bool(self._world.air.nic[self._row].long_used)
 
-    def is_deaf(self, robot: int) -> bool:
+    def is_permanently_stopped(self, robot: int) -> bool:
         """See `phalanx.robot.station.Air`."""
         return bool(self._world.safe[robot - 1])
 
@@ -220,7 +220,7 @@ class ProtectedSwarm(Ordered):
             each.led = Led(*self.world.led[i].tolist())
             direction_deg, battery_v = round(float(self.world.vel[i, 0])), float(self._battery_mv[i]) / 1000
             seen_at_s = self._stopped_at_s.get(i, now)
-            found.append(each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, seen_at_s))
+            found.append(each.snapshot(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, seen_at_s))
         return found
 
     def stop(self, address: str) -> None:
@@ -241,7 +241,7 @@ class ProtectedSwarm(Ordered):
             self.drive(self._members[self._to_stop.pop()].address, 0, 0)
         end_s, looks = self._now_s + dt_s, self._work.looks if self._work else None
         while self._now_s < end_s:
-            self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms), self._next_grid_s())
+            self._now_s = min(end_s, self._station.send_due(self._air, self._now_s, self._now_ms), self._next_grid_s())
             until_us = round(self._now_s * 1e6)
             while loop.run(self.world, until_us) == loop.FOR_PYTHON:
                 pybot.handle(self.world, self._nodes, stage=looks)
@@ -255,9 +255,9 @@ class ProtectedSwarm(Ordered):
         self._battery_mv = np.where(drained <= BATTERY_EMPTY_MV, BATTERY_FULL_MV, drained)
         for i in np.flatnonzero(effort > 0).tolist():
             x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
-            self._members[i].went(x_mm, y_mm, HISTORY_STEP_MM)
+            self._members[i].append_position(x_mm, y_mm, HISTORY_STEP_MM)
         for i, each in enumerate(self._members):
-            state, ordered = self.world.fleet.state[i], self._station.told(i + 1)
+            state, ordered = self.world.fleet.state[i], self._station.last_order_number(i + 1)
             # The robot has received its last order, and has no route left.
             is_free = ordered is not None and get_u64(state, HEARD_AT) >= ordered and not state[wheels.COUNT]
             if each.route and is_free:
@@ -284,7 +284,7 @@ class ProtectedSwarm(Ordered):
 
     def things(self) -> Sequence[Point]:
         """Return the places of the work's objects in the area."""
-        return [Point(x * 1000, y * 1000) for x, y in self._work.things_m(self._now_s)] if self._work else ()
+        return [Point(x * 1000, y * 1000) for x, y in self._work.objects_m(self._now_s)] if self._work else ()
 
     # --- the shields --------------------------------------------------------------------------------------------------
 
@@ -322,7 +322,7 @@ class ProtectedSwarm(Ordered):
             for name, attack in attacks().items()
             if (attack.scene == "flock" and attack.on_wheels) or (attack.scene == "protocol" and attack.against == own)
         ]
-        return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
+        return sorted(choices, key=lambda choice: choice.name != FIRST_CHOICE)
 
     def compromise(self, address: str, attack: str) -> None:
         """Compromise a robot from now on."""

@@ -23,7 +23,7 @@ from phalanx.robot.controllers.protocol import Point, Stage, Task, find_protocol
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.swarm import Done
 from phalanx.wire.table import WHEELS_SENSOR
-from phalanx.world.audited.pybot import Looks
+from phalanx.world.audited.pybot import ExtraSensors
 
 from .dotbots import AREA_MM
 
@@ -92,7 +92,7 @@ class NearLooks:
         self._stage, self._at_m = stage, dict(enumerate(starts_m, 1))
 
     def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
-        """See `Looks`."""
+        """See `ExtraSensors`."""
         self._at_m[rob_id] = place_m
         others = [at_m for other, at_m in self._at_m.items() if other != rob_id]
         return self._stage.look(rob_id, t_s, place_m, lies=lies) + encode_near(place_m, others)
@@ -137,7 +137,7 @@ class Work:
         self.protocol = protocol
         self.make_controller = found.maker(task)
         self.stage = found.stage(task)
-        self.looks: Looks = NearLooks(self.stage, task.starts_m) if keeps_apart else self.stage
+        self.looks: ExtraSensors = NearLooks(self.stage, task.starts_m) if keeps_apart else self.stage
         self.bti = replace(
             bti,
             state_bytes=len(self.make_controller(1).encode()) + CAPACITY_BYTES - ROUTE,
@@ -147,7 +147,7 @@ class Work:
     def aim_m(self, controller: Controller | None, now_ms: int) -> Point | None:
         """Return the goal of an honest idle robot, m; None while it is driven or held."""
         assert isinstance(controller, PeerController), "made by make_controller"
-        return None if controller.body.is_taken(now_ms) else controller.aim()
+        return None if controller.body.is_taken(now_ms) else controller.target_point()
 
     def done(self, now_s: float) -> Done:
         """Return the recent score; drop older history, which would grow."""
@@ -155,6 +155,6 @@ class Work:
         stage, score = self.stage, self.stage.score_so_far(())
         return Done(name=self.protocol, score=score, counts=stage.counts, lately_s=max(1.0, now_s - stage.since_s))
 
-    def things_m(self, now_s: float) -> list[Point]:
+    def objects_m(self, now_s: float) -> list[Point]:
         """Return the positions of the work's objects in the area."""
         return [(x, y) for x, y in self.stage.things(now_s).values() if 0 <= x <= AREA_MM[0] / 1000 >= y >= 0]

@@ -257,20 +257,20 @@ def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: f
     x, y, vx, vy = now[0], now[1], now[2], now[3]
     period = params[guard_law.PERIOD_S]
     then = (vx + period * ax, vy + period * ay)
-    off, rests = guard_law.off_mps(params, now, ax, ay), guard_law.held_mps(params, ax, ay)
+    off, rests = guard_law.off_mps(params, now, ax, ay), guard_law.late_mps(params, ax, ay)
     if not promises.keeps_promises(params, t_ms, state, then, off, rests):
         return False
     if not guard_law.clear_of_walls(params, now, ax, ay):
         return False
-    next_x, next_y, last_x, last_y, spread, bulge, stands_s = guard_law.way(params, now, ax, ay)
+    next_x, next_y, last_x, last_y, spread, bulge, stands_s = guard_law.planned_path(params, now, ax, ay)
     for at in range(HEAD_BYTES, size(state), EACH_BYTES):
         there_x, there_y, near = _reach(params, t_ms, state, at, params[guard_law.HELD_S])
         near += bulge
-        if guard_law.past(there_x, there_y, x, y, next_x, next_y) < near * near:
+        if guard_law.squared_distance_to_segment(there_x, there_y, x, y, next_x, next_y) < near * near:
             return False
         there_x, there_y, far = _reach(params, t_ms, state, at, stands_s)
         far += spread
-        if guard_law.past(there_x, there_y, next_x, next_y, last_x, last_y) < far * far:
+        if guard_law.squared_distance_to_segment(there_x, there_y, next_x, next_y, last_x, last_y) < far * far:
             return False
     return True
 
@@ -295,7 +295,7 @@ def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> t
     if alone:
         return speed, 0.0
     g, v = (share * gx, share * gy), (now[2], now[3])
-    late = guard_law.held_mps(
+    late = guard_law.late_mps(
         params, now[4], now[5]
     )  # braking changes only the length of the velocity, except for this
     for _ in range(2):

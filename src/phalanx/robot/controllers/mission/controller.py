@@ -23,11 +23,11 @@ from phalanx.mission.file.canonical import AT_POSITION, Reader, action_bytes
 from phalanx.mission.file.records import SECRET_BYTES
 from phalanx.mission.landmarks.features import landmarks_in
 from phalanx.mission.observable import LONGEST_S
-from phalanx.mission.pose.belief import NUMBERS, Belief, of_numbers
+from phalanx.mission.pose.belief import NUMBERS, Belief, belief_from_numbers
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
 from phalanx.mission.walk.claims import Claim
-from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, odometry_errors_of
 from phalanx.robot.controllers.python_controller import Act, Controller, EvidenceController, Output, Send
 from phalanx.wire import table
 from phalanx.wire.record import MalformedRecord
@@ -193,7 +193,7 @@ class MissionController(EvidenceController):
         """Store an encoded message, and ignore other packets."""
         if len(packet) == table.MISSION_MESSAGE.size and packet[0] == table.KIND_MISSION_MESSAGE:
             message = packet[-SECRET_BYTES:]
-            self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
+            self.memory = replace(self.memory, walk=self.walker.receive(self.memory.walk, message))
 
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> list[Output]:
         """Advance the walk by a step, and return commands and messages."""
@@ -251,7 +251,7 @@ class MissionController(EvidenceController):
         """Return the pose estimate updated with this odometry."""
         touches = bool(np.count_nonzero(now.clear < self._touching))
         driven: Belief = self.memory.belief.driven(
-            self.memory.odometry, now.pose, wheels_of(self.missions.config), touches=touches
+            self.memory.odometry, now.pose, odometry_errors_of(self.missions.config), touches=touches
         )
         return driven
 
@@ -270,7 +270,7 @@ class MissionController(EvidenceController):
             actions=self.given.pool,
             messages=self.messages,
             blocked=self.memory.blocked,
-            spread=belief.doubt,
+            spread=belief.pose_covariance,
         )
 
     def _drive(self, t_ms: int, command: Drive) -> Act:
@@ -307,7 +307,7 @@ class MissionController(EvidenceController):
         """Restore a checkpoint, keeping the robot's keys. Raises: MalformedMission: not a valid state."""
         reader = Reader(encoding)
         begun_ms, *numbers = reader.unpack(table.MISSION_MEMORY)
-        belief, odometry = of_numbers(numbers[:NUMBERS]), tuple(numbers[NUMBERS : NUMBERS + 3])
+        belief, odometry = belief_from_numbers(numbers[:NUMBERS]), tuple(numbers[NUMBERS : NUMBERS + 3])
         kind, target, begin, *rest = numbers[NUMBERS + 3 :]
         passed, best_m, best_s, turning, *around, blocked, said, crumbs = rest
         placed = belief is not None and all(abs(value) < _MOST for value in (*belief.pose, *odometry))

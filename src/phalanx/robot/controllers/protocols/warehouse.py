@@ -151,7 +151,7 @@ class Warehouse(PeerController):
         # two robots that want a cell, the later one knows that the other holds or wants it too.
         return t_ms - other.heard_ms >= self.period_ms or (cell == other.wants and rob_id < self.rob_id)
 
-    def aim(self) -> Point:
+    def target_point(self) -> Point:
         """Return the centre of the cell that the robot holds or occupies."""
         return self.floor.middle(self.here if self.holds == NOWHERE else self.holds)
 
