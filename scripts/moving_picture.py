@@ -14,11 +14,12 @@ import io
 import json
 import math
 import sys
+import tempfile
 import time
 from asyncio import StreamReader
 from pathlib import Path
 
-import matplotlib
+import matplotlib as mpl
 from PIL import Image, ImageDraw, ImageFont
 from playwright.async_api import FloatRect, Page, async_playwright
 
@@ -41,7 +42,7 @@ MAP_BOX = """() => {
   return { x, y, width, height };
 }"""
 MOST_BYTES = 3_000_000
-FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans-Bold.ttf"
+FONT = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans-Bold.ttf"
 
 
 class Film:
@@ -119,12 +120,9 @@ async def drive(page: Page, turn: float) -> None:
         await asyncio.sleep(0.2)
 
 
-async def main() -> int:
-    """Record and save; return 1 if the file is too large."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "img" / "phalanx.webp")
-    out: Path = parser.parse_args().out
-    gateway = await asyncio.create_subprocess_exec(*GATEWAY, stdout=asyncio.subprocess.PIPE)
+async def recorded(state: str) -> Film:
+    """Return the film of a gateway with this state folder."""
+    gateway = await asyncio.create_subprocess_exec(*GATEWAY, "--state", state, stdout=asyncio.subprocess.PIPE)
     assert gateway.stdout is not None
     try:
         ready = await next_event(gateway.stdout, "ready")
@@ -156,10 +154,21 @@ async def main() -> int:
     finally:
         gateway.terminate()
         await gateway.wait()
+    return film
+
+
+def main() -> int:
+    """Record and save; return 1 if the file is too large."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "img" / "phalanx.webp")
+    out: Path = parser.parse_args().out
+    with tempfile.TemporaryDirectory() as state:
+        film = asyncio.run(recorded(state))
     film.save(out)
     size = out.stat().st_size
     print(f"{out}: {len(film.frames)} pictures, {size / 1e6:.2f} MB")
     return int(size > MOST_BYTES)
 
 
-sys.exit(asyncio.run(main()))
+if __name__ == "__main__":
+    sys.exit(main())
