@@ -17,6 +17,8 @@ from phalanx.world.radio.reach import Reach, in_range
 from .world import World
 
 SECOND_US = 1_000_000
+# Percentage of a second. Robots that always have packets waiting fill a channel to 93 to 96 % (docs/spec/world.md).
+FULL_PERCENT = 90
 
 
 class Quorum:
@@ -75,13 +77,13 @@ class Quorum:
 
 @kernel
 def _full(reach: Reach, sent_us: I64x1, passed_us: int, full: BOOLx1) -> None:
-    """Set `full`, (N,), for each robot in whose range packets used more airtime than the time that passed."""
+    """Set `full`, (N,), for each robot in whose range packets used more than 90 % of the time that passed."""
     for i in range(len(full)):
         total = sent_us[i]
         for at in range(reach.near[i], in_range(reach, i)):
             if reach.ids[at] < len(full):
                 total += sent_us[reach.ids[at]]
-        full[i] = total > passed_us
+        full[i] = 100 * total > FULL_PERCENT * passed_us
 
 
 @kernel
