@@ -218,6 +218,7 @@ coverage: setup-dev .venv/coverage
 bench: setup-dev
 	$(BIN)/python benchmarks/bench_bti.py
 	$(BIN)/python benchmarks/bench_radio.py
+	$(BIN)/python benchmarks/bench_seeking.py
 	$(BIN)/python benchmarks/bench_link.py
 	$(BIN)/python benchmarks/bench_wheels.py
 	$(BIN)/python benchmarks/bench_first_paint.py

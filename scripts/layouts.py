@@ -18,7 +18,7 @@ from phalanx.world.scenarios.run import Run
 RANGE_M = 116.0  # of the paper's radio
 STEP_S = 0.05
 RELAYED_NEAR = 10  # robots that hear the relayed HELLO, beside f_max
-COLUMN_S = 25.0  # until it has passed
+COLUMN_S = 40.0  # until it has passed; runs end then
 
 Places = Callable[[float], NDArray[np.float64]]
 

@@ -132,13 +132,14 @@ def _placed(case: Case, bti: BtiConfig, at_s: float) -> Scenario:
     liars = {"hidden": case.f_max, "relayed": min(2, case.f_max)}.get(case.layout, 0)
     # The neighbour list is no longer than P2 requires: relayed distant robots are not in range.
     n_max = case.f_max + layouts.RELAYED_NEAR - 1 if case.layout == "relayed" and case.seed % 2 else None
+    lasts_s = round(max(at_s + 2.5 * bti.t_val_ms / 1000 + 1.0, 60.0), 3)
     return replace(
         find_scenario("bti-fig9"),
         name=case.layout,
         robots=layout_of(case).robots,
         grid_step_m=1.0,
         seed=case.seed,
-        duration_s=round(max(at_s + 2.5 * bti.t_val_ms / 1000 + 1.0, 60.0), 3),
+        duration_s=layouts.COLUMN_S if case.layout == "column" else lasts_s,
         bti=bti,
         n_max=n_max,
         radio=RadioConfig(loss=case.loss_pct / 100),

@@ -288,7 +288,7 @@ class TestCautions:
 
     def test_that_liars_may_fill_the_channel_with_the_audits_of_others(self):
         hub = Scenario(robots=33, hub=26, grid_step_m=6, bti=BtiConfig(f_max=12, t_audit_ms=2000))
-        words, _ = audit_warnings(hub)
+        words, _, _ = audit_warnings(hub)
         assert "if f_max compromised robots fill their logs, audits need 79% of the channel" in words
         assert (
             audit_warnings(replace(hub, robots=19, hub=12, n_max=None, bti=BtiConfig(f_max=5, t_audit_ms=2000))) == []
@@ -316,6 +316,11 @@ class TestCautions:
         assert audit_warnings(Scenario(robots=25, bti=BtiConfig(f_max=3), attacks=liars)) == []
         (words,) = audit_warnings(Scenario(robots=25, bti=BtiConfig(f_max=2), attacks=liars))
         assert words == "3 compromised robots, f_max is 2: nothing is promised; use f_max 3 or fewer attacks"
+
+    @pytest.mark.parametrize("f_max, warned", [(8, []), (9, ["f_max is 9: above 8 compromised robots"])])
+    def test_that_f_max_is_above_the_largest_for_which_no_correct_robot_was_stopped(self, f_max, warned):
+        told = audit_warnings(Scenario(robots=25, bti=BtiConfig(f_max=f_max)))
+        assert [words[: len(warned[0])] for words in told if words.startswith("f_max is")] == warned
 
     def test_that_more_are_in_range_than_n_max(self):
         assert audit_warnings(Scenario(robots=25, n_max=24)) == []

@@ -20,6 +20,8 @@ MOST_FILLED = 0.35
 # Airtime that the AUDIT buckets of f_max compromised robots allow: at half of the channel they stopped correct robots
 # (docs/promises.md, exception 12).
 MOST_BUCKETS = 0.25
+# With 9 and more, compromised robots stopped correct ones (docs/promises.md, exceptions 6 and 7).
+MOST_F_MAX = 8
 US_PER_S = 1e6
 
 
@@ -34,8 +36,10 @@ def audit_warnings(scenario: Scenario) -> list[str]:
 
 def _overrun(scenario: Scenario) -> list[str]:
     liars, f_max = len(scenario.attacks), scenario.bti.f_max
-    if liars <= f_max:
+    if liars <= f_max <= MOST_F_MAX:
         return []
+    if liars <= f_max:
+        return [f"f_max is {f_max}: above {MOST_F_MAX} compromised robots can stop correct ones; use a smaller f_max"]
     return [f"{liars} compromised robots, f_max is {f_max}: nothing is promised; use f_max {liars} or fewer attacks"]
 
 
