@@ -46,6 +46,12 @@ def test_the_promises_are_kept_wherever_robots_stand(script, case):
     assert row.lasted_s > row.at_s + 25
 
 
+def test_robots_that_fill_their_channel_have_no_quorum(script):
+    """Loss and speed make 70 robots repeat packets until the channel is full, without an attack."""
+    row = script.lived(script.Case("nobody", "waypoints", 5, 2.0, 20.0, 2001))
+    assert (broken(script, row), row.without_quorum) == (set(), 18), row.who
+
+
 def test_a_promise_that_is_broken_is_told(script, monkeypatch):
     case = script.Case("collude", "grid", 2, 4.0, 0.0, 1)
     made = script.scenario_of(case)
