@@ -28,7 +28,7 @@ def audit_share(case: promises.Case, attacked: bool) -> float:
     """Return the share of the channel, 0 to 1, that audit packets of the correct robots nearby use in one run."""
     made = promises.scenario_of(case)
     liars = len(made.attacks)
-    run = Run(replace(made, duration_s=LASTS_S) if attacked else replace(made, duration_s=LASTS_S, attacks=()))
+    run = Run(replace(made, duration_s=LASTS_S, attacks=made.attacks if attacked else ()))
     layouts.drive(run, promises.layout_of(case), LASTS_S)
     last = case.f_max + layouts.RELAYED_NEAR if case.layout == "relayed" else len(run.ids)
     spent_us = run.world.air.counts[liars:last, (AUDIT_BROADCAST, AUDIT_UNICAST), AIRTIME_US].sum()

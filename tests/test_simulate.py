@@ -317,10 +317,10 @@ class TestCautions:
         (words,) = audit_warnings(Scenario(robots=25, bti=BtiConfig(f_max=2), attacks=liars))
         assert words == "3 compromised robots, f_max is 2: nothing is promised; use f_max 3 or fewer attacks"
 
-    @pytest.mark.parametrize("f_max, warned", [(8, []), (9, ["f_max is 9: above 8 compromised robots"])])
-    def test_that_f_max_is_above_the_largest_for_which_no_correct_robot_was_stopped(self, f_max, warned):
-        told = audit_warnings(Scenario(robots=25, bti=BtiConfig(f_max=f_max)))
-        assert [words[: len(warned[0])] for words in told if words.startswith("f_max is")] == warned
+    @pytest.mark.parametrize("f_max, warnings", [(8, 0), (9, 1)])
+    def test_that_f_max_is_above_the_largest_for_which_no_correct_robot_was_stopped(self, f_max, warnings):
+        found = audit_warnings(Scenario(robots=25, bti=BtiConfig(f_max=f_max)))
+        assert sum(words.startswith("f_max is 9: above 8 compromised robots") for words in found) == warnings
 
     def test_that_more_are_in_range_than_n_max(self):
         assert audit_warnings(Scenario(robots=25, n_max=24)) == []

@@ -36,11 +36,12 @@ def audit_warnings(scenario: Scenario) -> list[str]:
 
 def _overrun(scenario: Scenario) -> list[str]:
     liars, f_max = len(scenario.attacks), scenario.bti.f_max
-    if liars <= f_max <= MOST_F_MAX:
-        return []
-    if liars <= f_max:
+    if liars > f_max:
+        many = f"{liars} compromised robots, f_max is {f_max}"
+        return [f"{many}: nothing is promised; use f_max {liars} or fewer attacks"]
+    if f_max > MOST_F_MAX:
         return [f"f_max is {f_max}: above {MOST_F_MAX} compromised robots can stop correct ones; use a smaller f_max"]
-    return [f"{liars} compromised robots, f_max is {f_max}: nothing is promised; use f_max {liars} or fewer attacks"]
+    return []
 
 
 def _many(scenario: Scenario, near: Sequence[NDArray[np.int32]]) -> list[str]:
